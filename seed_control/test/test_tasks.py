@@ -281,8 +281,8 @@ def test_text_can_be_given_to_a_task_that_writes() -> None:
     assert len(steps_of(load_task("write", text="I"))) < len(steps_of(load_task("write", text="SEED")))
     with pytest.raises(TaskError, match=r"does not write"):
         load_task("squeegee", text="SEED")
-    with pytest.raises(FontError, match=r"no strokes for 'ß'"):
-        steps_of(load_task("write", text="Straße"))
+    with pytest.raises(TaskError, match=r"task 'write': text = 'Straße': .*no strokes for 'ß'"):
+        load_task("write", text="Straße")
 
 
 def test_letters_have_the_height_asked_for_and_stand_on_the_line() -> None:
@@ -377,11 +377,41 @@ def turn(status: TaskStatus) -> float:
         ("until: settled, contact_stop: {}", "leave out until and dwell"),
         ("dwell: 1 s, contact_stop: {}", "leave out until and dwell"),
         ("search: {pattern: here}, control: {force: 0 0 -2 N}", "say until: settled"),
+        ("search: {}, until: contact, control: {force: 0 0 -2 N}", "pattern: spiral ends .* leave out until and dwell"),
+        ("search: {}, dwell: 5 s, control: {force: 0 0 -2 N}", "pattern: spiral ends .* leave out until and dwell"),
+        ("insert: {depth: 0.01 m}, until: settled, control: {force: 0 0 -2 N}", "its depth: leave out until and dwell"),
+        ("insert: {depth: 0.01 m}, dwell: 5 s, control: {force: 0 0 -2 N}", "its depth: leave out until and dwell"),
+        ("to: 0 0 0 m, until: settled", "until: settled waits for a force: say which, by control"),
+        ("to: 0 0 0 m, control: {force: 0 0 0 N, profile: [1, 2]}", "shares of a force of 0 N: give force"),
     ],
 )
 def test_what_a_phase_would_not_do_is_refused(phase: str, words: str) -> None:
-    with pytest.raises(ConfigError, match=words):
+    with pytest.raises(ConfigError, match=f"^<text>:5: .*{words}"):
         small_task(f"name: odd, {phase}")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ("font: futural", "font: futurall", 22, "font 'futurall' is unknown; known: .*did you mean futural"),
+        ("text: SEED", "text: hé", 21, "text = 'hé': font 'futural' has no strokes for 'é': leave it out"),
+        ("text: SEED", "text: '   '", 21, "text = '   ' has nothing to write: give more than spaces"),
+        (
+            "text: SEED",
+            "strokes: [[[0, 0], [0.1, 0]]]\n  forces: [3]",
+            22,
+            "forces are sizes along control.force, and that is 0 N: say there which way it presses",
+        ),
+    ],
+)
+def test_what_a_drawing_cannot_write_is_refused_when_it_is_loaded(
+    tmp_path: Path, old: str, new: str, line: int, words: str
+) -> None:
+    file = tmp_path / "task.yaml"
+    text = shipped_tasks()["write"].read_text().replace(old, new)
+    file.write_text(text.replace("force: 0 0 -2 N", "force: 0 0 0 N") if "forces" in new else text)
+    with pytest.raises(ConfigError, match=f"{file}:{line}: .*{words}"):
+        load_task(file)
 
 
 @pytest.mark.parametrize("control", ["", "control: {force: 0 0 -5 N}, "])

@@ -33,7 +33,15 @@ SPARE_VALUES = 100_000  # that aliases may add to a text, which has at most one 
 
 
 class ConfigError(SeedError):
-    """A configuration value that cannot be used."""
+    """A configuration value that cannot be used.
+
+    Attributes:
+        key: of a dataclass's own check: the field on whose line the mistake stands; '' for the whole.
+    """
+
+    def __init__(self, message: str, key: str = "") -> None:
+        super().__init__(message)
+        self.key = key
 
 
 def field(
@@ -252,7 +260,7 @@ def _build(node: _Node, cls: type[T], path: str, source: str) -> T:
     try:
         return cls(**values)
     except ConfigError as error:
-        _fail(node, source, str(error))
+        _fail(node.value.get(error.key, node), source, str(error))
 
 
 def _join(path: str, name: str) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from seed_control.tasks.task import Task, TaskError
-from seed_core.config import field, load_file, load_text, read_text
+from seed_core.config import ConfigError, field, load_file, load_text, read_text
 from seed_core.program.files import shared_path
 from seed_core.program.suggestions import did_you_mean, no_such_file
 
@@ -113,5 +113,8 @@ def _changed(task: Task, force: float | None, text: str | None) -> Task:
             raise TaskError(f"task '{task.name}' does not write a text")
         if not text.strip() or len(text) > 80:
             raise TaskError(f"a text of {len(text)} characters cannot be written; give 1 to 80")
-        task = replace(task, draw=replace(task.draw, text=text))
+        try:
+            task = replace(task, draw=replace(task.draw, text=text))
+        except ConfigError as error:
+            raise TaskError(f"task '{task.name}': {error}") from error
     return task

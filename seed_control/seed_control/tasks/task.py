@@ -8,6 +8,7 @@ from math import sqrt
 
 import numpy as np
 
+from seed_control.tasks.font import check_text
 from seed_control.tasks.insertion.sections import Insert, Search
 from seed_core.config import ConfigError, field
 from seed_core.errors import SeedError
@@ -67,6 +68,10 @@ class Control:
                     f"force has {self.force[i]:g} N along {axis}, which is not among force_directions: a direction "
                     "carries force or position"
                 )
+        if self.profile and not any(self.force):
+            raise ConfigError(
+                "profile has shares of a force of 0 N: give force the size that they are shares of", "profile"
+            )
         if len(self.profile) == 1:
             raise ConfigError("profile has one share: give the force itself, or two shares or more")
         for axis in self.torque_axes:
@@ -172,14 +177,11 @@ class Phase:
     def __post_init__(self) -> None:
         if self.contact_stop is not None and (self.to or self.control or self.search or self.insert):
             raise ConfigError("contact_stop brings its own way and force: leave out to, control, search and insert")
-        if self.contact_stop is not None and (self.until != "arrived" or self.dwell):
-            raise ConfigError("contact_stop ends where something is found: leave out until and dwell")
+        self._check_end()
         if self.along != "work" and (self.contact_stop or self.search or self.insert):
             raise ConfigError("contact_stop, search and insert go along the work frame: leave out along")
         if self.control is not None and self.control.profile and self.to is None:
             raise ConfigError("profile goes along the path: say where it ends, by to")
-        if self.search is not None and self.search.pattern == "here" and self.until == "arrived":
-            raise ConfigError("a search with pattern: here stays where it is: say until: settled, or contact")
         if self.through and self.to is None:
             raise ConfigError("through needs to: where the path ends")
         if self.through and self.along != "work":
@@ -191,6 +193,24 @@ class Phase:
                 raise ConfigError(f"{name} needs a control with the force to press with")
             if section is not None and self.to is not None:
                 raise ConfigError(f"{name} goes its own way: leave out to")
+
+    def _check_end(self) -> None:
+        """Raises ConfigError: until or dwell say what this phase does not wait for."""
+        waits, search = self.until != "arrived", self.search
+        ended_by = "until" if waits else "dwell"
+        if self.contact_stop is not None and (waits or self.dwell):
+            raise ConfigError("contact_stop ends where something is found: leave out until and dwell", ended_by)
+        if self.insert is not None and (waits or self.dwell):
+            raise ConfigError("insert ends at its depth: leave out until and dwell", ended_by)
+        if search is not None and search.pattern == "here" and not waits:
+            raise ConfigError("a search with pattern: here stays where it is: say until: settled, or contact")
+        if search is not None and search.pattern != "here" and (waits or self.dwell):
+            raise ConfigError(
+                f"a search with pattern: {search.pattern} ends where the hole is found: leave out until and dwell",
+                ended_by,
+            )
+        if self.until == "settled" and self.control is None:
+            raise ConfigError("until: settled waits for a force: say which, by control", "until")
 
     def scaled_to(self, size: float) -> Phase:
         """The same phase with a force of another size [N]. Raises TaskError: its contact_stop cannot touch with it."""
@@ -219,6 +239,13 @@ class Drawing:
     def __post_init__(self) -> None:
         if bool(self.text) == bool(self.strokes):
             raise ConfigError("a drawing needs either strokes or a text, not both and not neither")
+        if self.text:
+            check_text(self.text, self.font)
+        if self.forces and not any(self.control.force):
+            raise ConfigError(
+                "forces are sizes along control.force, and that is 0 N: say there which way it presses, as 0 0 -1 N",
+                "forces",
+            )
         for number, stroke in enumerate(self.strokes, start=1):
             if len(stroke) < 2:
                 raise ConfigError(
