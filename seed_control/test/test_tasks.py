@@ -435,6 +435,19 @@ def test_a_tilt_stays_until_it_is_changed_along_a_surface_too(control: str) -> N
     assert last < 9.0
 
 
+def test_phases_that_share_a_name_are_told_apart_by_their_index() -> None:
+    go = [f"name: {name}, to: {x} 0 0.015 m" for name, x in (("go", 0.02), ("turn back", 0.01), ("go", 0.0))]
+    bench, player = above(table=-5.0), TaskPlayer(small_task(*go))
+    told: list[tuple[str, int | None]] = []
+    while not (status := play(bench, player, DT)).done:
+        told.append((status.phase, status.index))
+    assert list(dict.fromkeys(told)) == [("approach", 0), ("go", 1), ("turn back", 2), ("go", 3)]
+    player = TaskPlayer(small_task(*go))
+    play(bench, player, 0.1)
+    player.cancel()
+    assert play(bench, player, 0.1).index is None  # while it lifts
+
+
 def test_a_touch_with_a_tilt_turns_the_tool_gradually() -> None:
     bench, player = above(), TaskPlayer(small_task("name: stop, tilt: 0 30 0 deg, contact_stop: {}, speed: 0.005 m/s"))
     last, steps = 0.0, []

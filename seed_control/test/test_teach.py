@@ -127,6 +127,16 @@ def test_a_blade_that_gives_way_to_friction_aims_by_as_much_further() -> None:
     assert not further["pen"].any()
 
 
+def test_pieces_of_a_way_on_which_the_tool_turns_have_names_of_their_own() -> None:
+    d = shown(noise=0.0)
+    X, s = d.X_W_tip.copy(), np.linspace(0.0, 1.0, len(d.stamps))
+    X[:, :3, :3] = (d.rotations * Rotation.from_rotvec(np.outer(np.sin(15.0 * s), (0.0, 0.3, 0.0)))).as_matrix()
+    task = make_task(replace(d, X_W_tip=X), "mine", "").task
+    names = [p.name for p in task.phases]
+    assert "wipe 2" in names
+    assert len(set(names)) == len(names)
+
+
 @pytest.mark.parametrize("speed", [0.0, 0.005, 0.05])
 def test_a_tip_that_stands_is_at_one_place_and_one_that_moves_slowly_stays_on_its_path(speed: float) -> None:
     t = np.arange(100) * 0.02

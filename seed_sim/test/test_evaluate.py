@@ -351,6 +351,20 @@ def test_failed_run_is_told_and_not_averaged():
     assert len(out["runs"]) == 2
 
 
+def test_a_recording_tells_phases_of_one_name_apart_and_scores_the_pieces_of_a_wipe(tmp_path: Path) -> None:
+    file = tmp_path / "task.yaml"
+    names = ("go", "back", "go")
+    phases = "".join(f"  - {{name: {n}, to: {0.01 * (i % 2)} 0 0.05 m}}\n" for i, n in enumerate(names))
+    file.write_text(f"name: small\nframe: {{position: 0.45 0 0 m}}\nphases:\n{phases}")
+    task, scenario = load_task(file), load_scenario("nominal")
+    plant = Plant(scenario, 0, task.frame.pose, start_pose(scenario, task))
+    recording = play(task, plant, SeedSteering(plant, scenario, "seed", "truth", 0))
+    assert recording.finished
+    assert list(dict.fromkeys(recording["phase"])) == [0, 1, 2]
+    rows = {"t": [0.0, 3.0, 4.0, 5.0], "phase": [0, 1, 2, 3], "force": [(0.0, 0.0, -1.0)] * 4}
+    assert list(Recording(["press", "wipe", "wipe 2", "wiper"], rows=rows).scored("wipe")) == [False, True, True, False]
+
+
 def test_phase_that_counts_is_the_wipe_the_strokes_or_the_last_force():
     from seed_control.tasks import load_task
 

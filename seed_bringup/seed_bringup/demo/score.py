@@ -9,7 +9,7 @@ import numpy as np
 from seed_bringup.demo.series import Series
 from seed_control.tasks import Task
 from seed_core.spatial import Array, inverse_pose
-from seed_sim.closed_loop.recording import SETTLING, Recording, lean_of, rms, torque_axes_of
+from seed_sim.closed_loop.recording import SETTLING, Recording, counts_as, lean_of, rms, torque_axes_of
 
 TOPICS = {
     "state": "/controller/state",
@@ -64,7 +64,7 @@ def belief_of(recording: Recording) -> BeliefCurves:
 
 def scored_stretch(phases: list[Phase], name: str, contact: float) -> tuple[float, float]:
     """The stretch of time [s] that the score is of: the named phases, from 2 s after first contact [s]."""
-    scored = [p for p in phases if p.name == name or p.name.endswith(f" {name}")] or phases[-2:-1] or phases
+    scored = [p for p in phases if counts_as(p.name, name)] or phases[-2:-1] or phases
     return min(max(scored[0].start, contact + SETTLING), scored[-1].end), scored[-1].end
 
 

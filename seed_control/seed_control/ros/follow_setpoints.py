@@ -34,7 +34,7 @@ class _Run:
     started: float  # [s]
     done: Future
     fed_back: float = 0.0  # [s]
-    phase: str = ""
+    phase: tuple[str, int | None] = "", None  # name and index
     refusal: str = ""
     regulating: bool = False
     squares: np.ndarray = field(default_factory=lambda: np.zeros(2))  # sums of squared force and torque error
@@ -161,8 +161,9 @@ class FollowServer:
                 self._core.set_setpoint(status.setpoint, now)
             except SeedError as error:
                 self._refused(run, error)
-        if now - run.fed_back >= FEEDBACK_PERIOD or status.phase != run.phase:
-            run.fed_back, run.phase = now, status.phase
+        phase = status.phase, status.index
+        if now - run.fed_back >= FEEDBACK_PERIOD or phase != run.phase:
+            run.fed_back, run.phase = now, phase
             self._feed_back(run, status)
 
     def _give_up(self, run: _Run, now: float, gone: str) -> None:
@@ -197,9 +198,8 @@ class FollowServer:
 
     def _feed_back(self, run: _Run, status: TaskStatus) -> None:
         message = FollowSetpoints.Feedback(phase=status.phase, progress=float(status.progress))
-        phases = run.player.phases
-        message.phase_count = len(phases)
-        message.phase_index = phases.index(status.phase) if status.phase in phases else len(phases)
+        message.phase_count = len(run.player.phases)
+        message.phase_index = message.phase_count if status.index is None else status.index
         fill_wrench(message.error, self._core.law.regulated_error() or Wrench.zero())
         run.goal.publish_feedback(message)
 

@@ -30,6 +30,8 @@ class TaskStatus:
         progress: 0 to 1.
         done: nothing more will come: finished, failed or cancelled, tool lifted where the arm could move.
         failed, cancelled: how it ended, or is ending.
+        index: of the running phase among the player's `phases`, whose names may repeat; None before the first, and
+            while it ends early.
     """
 
     setpoint: HybridSetpoint | None
@@ -39,6 +41,7 @@ class TaskStatus:
     failed: bool = False
     cancelled: bool = False
     message: str = ""
+    index: int | None = None
 
 
 class TaskPlayer:
@@ -120,6 +123,7 @@ class TaskPlayer:
             failed=bool(self._ending) and not self._cancelled,
             cancelled=self._cancelled,
             message=self._ending,
+            index=self._index if self._index < len(self._steps) else None,
         )
 
     def _search_again(self) -> bool:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A task made of a demonstration: free ways, presses until the force is there, and paths with the force along them."""
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
@@ -133,7 +134,7 @@ class _Maker:
             tool=tool,
             frame=WorkFrame(_vector(self._X_W[:3, 3]), _vector(rpy, 3)),
             tip_rpy=_vector(np.rad2deg(_rpy(self._R_tip)), 3),
-            phases=tuple(phases),
+            phases=_numbered(phases),
         )
         return TaughtTask(task, tuple(self._forces), self._length, self._corners, self._uneven)
 
@@ -264,6 +265,16 @@ class _Maker:
 
     def _time(self, sample: int) -> float:
         return sample * STEP
+
+
+def _numbered(phases: list[Phase]) -> tuple[Phase, ...]:
+    """The phases, with those that share a name numbered from the second on: pieces of one way, forces of one stand."""
+    out, seen = list[Phase](), Counter[str]()
+    for phase in phases:
+        seen[phase.name] += 1
+        number = seen[phase.name]
+        out.append(replace(phase, name=f"{phase.name} {number}") if number > 1 else phase)
+    return tuple(out)
 
 
 def _length(points: Array) -> float:

@@ -66,11 +66,17 @@ class Recording:
         return float(self["t"][touching[0]]) if len(touching) else None
 
     def scored(self, phase: str) -> NDArray[np.bool_]:
-        """Mask (n,) of the rows that count: in the named phase ('draw': every stroke), from 2 s after first contact."""
+        """Mask (n,) of the rows that count: in the named phase (`counts_as`), from 2 s after first contact."""
         t, start = self["t"], self.contact_time
-        counts = [name == phase or (phase == "draw" and name.endswith(" draw")) for name in self.phases]
+        counts = [counts_as(name, phase) for name in self.phases]
         named = np.isin(self["phase"], np.flatnonzero(counts))
         return named & (t >= (start if start is not None else np.inf) + SETTLING)
+
+
+def counts_as(name: str, phase: str) -> bool:
+    """Whether a phase of this name is scored as `phase`: 'draw' is every stroke, 'wipe' its further pieces as well."""
+    piece = phase == "wipe" and name.removeprefix("wipe ").isdigit()
+    return name == phase or piece or (phase == "draw" and name.endswith(" draw"))
 
 
 def torque_axes_of(task: Task) -> tuple[bool, bool, bool]:

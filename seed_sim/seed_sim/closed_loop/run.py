@@ -61,8 +61,7 @@ def play(task: Task, plant: Plant, steering: Steering, progress: Progress | None
         if refusal := steering.steer(t, status.setpoint):
             player.cancel(refusal)
         if status.setpoint is not None:
-            phase = player.phases.index(status.phase) if status.phase in player.phases else -1
-            _record(recording, plant, task, status.setpoint, t, phase)
+            _record(recording, plant, task, status.setpoint, t, -1 if status.index is None else status.index)
             _record_belief(recording, loads, task, state)
         if progress is not None and (status.done or step % 25 == 0):
             progress(status.progress, f"{status.phase}, {t:.1f} s simulated")
