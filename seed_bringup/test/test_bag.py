@@ -1,23 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags round trip: recorded by one process, read by rosbags, played by another to a late joiner."""
 
+import itertools
 import json
 import os
 import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2")
 
 from geometry_msgs.msg import TransformStamped, WrenchStamped  # noqa: E402
 from rclpy.action import ActionServer  # noqa: E402
+from rclpy.context import Context  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data  # noqa: E402
 from rosbags.highlevel import AnyReader  # noqa: E402
@@ -33,6 +38,7 @@ from seed_bringup.bags.files import BagWriter, describe_bag, messages_of, open_b
 from seed_bringup.bags.play import Player  # noqa: E402
 from seed_bringup.bags.record import record  # noqa: E402
 from seed_bringup.bags.recording import recording  # noqa: E402
+from seed_bringup.bags.sim_clock import SILENT, SimClock  # noqa: E402
 from seed_bringup.bags.types import InstalledTypes, definition_file, message_class  # noqa: E402
 
 pytestmark = pytest.mark.realtime
@@ -276,6 +282,49 @@ def test_a_cell_in_a_namespace_is_recorded_by_its_own_clock(node: Node, tmp_path
     action.destroy()
 
 
+def test_messages_are_stamped_by_what_the_clock_showed_as_they_arrived(tmp_path: Path) -> None:
+    """Two topics that tell the time of a clock, which runs at half speed."""
+    context, over = Context(), threading.Event()
+    rclpy.init(args=[], context=context)
+    node = Node("cell", context=context)
+    clock = node.create_publisher(Clock, "/clock", 10)
+    force, torque = (node.create_publisher(Float32, topic, 10) for topic in ("/force", "/torque"))
+
+    def talk() -> None:
+        began = time.monotonic()
+        for k in itertools.count():
+            if over.is_set():
+                return
+            now = Clock()
+            now.clock.sec, now.clock.nanosec = divmod(100 * 10**9 + k * 2_000_000, 10**9)
+            clock.publish(now)
+            if k % 5 == 0:
+                force.publish(Float32(data=float(k)))
+                torque.publish(Float32(data=float(k)))
+            time.sleep(max(began + 0.004 * (k + 1) - time.monotonic(), 0.0))
+
+    thread = threading.Thread(target=talk)
+    thread.start()
+    try:
+        record(tmp_path / "bag.mcap", ["/force", "/torque"], sim_time=True, duration=3.0)
+    finally:
+        over.set()
+        thread.join()
+        rclpy.try_shutdown(context=context)
+    told: dict[str, list[tuple[float, float]]] = {"/force": [], "/torque": []}
+    with AnyReader([tmp_path / "bag.mcap"]) as reader:
+        for connection, stamp, data in reader.messages():
+            published = 100.0 + 0.002 * reader.deserialize(data, connection.msgtype).data
+            told[connection.topic].append((1e-9 * stamp, published))
+    for rows in told.values():
+        assert len(rows) > 100
+        stamps, published = np.array(rows).T
+        assert len(set(stamps)) == len(stamps)
+        assert np.quantile(np.abs(stamps - published), 0.9) < 0.003  # [s]; by the looks it was up to 0.02 s
+    order = sorted((stamp, topic, at) for topic, rows in told.items() for stamp, at in rows)
+    assert np.mean([a[2] <= b[2] for a, b in pairwise(order)]) > 0.98  # what came first stands first
+
+
 def test_feedback_of_an_action_is_told_to_be_that() -> None:
     name = "seed_msgs/action/FollowSetpoints_FeedbackMessage"
     for ask in (definition_file, message_class):
@@ -294,6 +343,19 @@ def test_a_bag_of_a_release_without_hashes_needs_no_definitions_to_be_played(
     assert Player._publisher(player, connection._replace(digest=""), "/played", types) == (Float32, "/played")
     with pytest.raises(BagError, match="'std_msgs/msg/Float32' is not installed"):
         Player._publisher(player, connection, "/played", types)
+
+
+def test_a_clock_is_told_between_its_messages_and_after_it_fell_silent() -> None:
+    clock, late = SimClock(), 10 * SILENT
+    assert clock.at(900, 1000) is None
+    assert clock.at(900, late) == 0  # nothing was recorded before it
+    for arrived, shown in ((1000, 50), (2000, 150), (3000, 20), (4000, 30)):
+        clock.heard(arrived, shown)
+    assert [clock.at(t, 5000) for t in (900, 1000, 1500, 2000, 2500, 3500)] == [0, 50, 100, 150, 150, 25]
+    assert clock.at(4500, 5000) is None  # the next may still come
+    assert clock.at(4500, late) == 30
+    clock.forget(3500)
+    assert clock.at(3600, 5000) == 26
 
 
 def test_a_recorder_that_had_hardly_begun_does_not_hide_why_the_run_ended(tmp_path: Path) -> None:

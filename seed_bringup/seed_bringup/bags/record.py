@@ -8,6 +8,8 @@ from pathlib import Path
 
 import rclpy
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rosbags.interfaces import Connection
 from rosgraph_msgs.msg import Clock
@@ -15,13 +17,14 @@ from rosgraph_msgs.msg import Clock
 from seed_bringup.bags import BagError, qos
 from seed_bringup.bags.files import BagWriter
 from seed_bringup.bags.names import check_topic
+from seed_bringup.bags.sim_clock import SILENT, SimClock
 from seed_bringup.bags.types import is_feedback, message_class
 from seed_ros.loop import CLOCK_PATIENCE, FixedRateLoop
-from seed_ros.qos import CLOCK
 
 DISCOVERY_PERIOD = 0.2  # [s]
 PATIENCE = 5.0  # [s] for the first message, beside the time that was asked for
 POLL_RATE = 25.0  # [Hz]; a queue holds the fastest streams for longer than that, and a look costs less than a wake-up
+EVERY_CLOCK = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)  # to know it between them
 
 
 class Recorder(Node):
@@ -39,16 +42,33 @@ class Recorder(Node):
         self.refused: set[str] = set()
         self.before_clock = 0
         self.begun: float | None = None  # monotonic time [s] of the first message
-        self.clock_topic, self.clock = self.resolve_topic_name("clock"), 0  # [ns], 0 before it is heard
-        self.loop = FixedRateLoop(self, POLL_RATE, lambda: None)
+        self.clock_topic, self.clock = self.resolve_topic_name("clock"), SimClock()
+        self._waiting: list[tuple[int, Connection, bytes]] = []  # when it arrived [ns], until its clock is known
+        self.loop = FixedRateLoop(self, POLL_RATE, self._stamp_by_clock)
         if sim_time:  # not by use_sim_time, which knows /clock alone
-            self.loop.poll(Clock, self.clock_topic, self._on_clock, CLOCK)
+            self.loop.poll(Clock, self.clock_topic, self._on_clock, EVERY_CLOCK, raw=True)
             self.silence = self.create_timer(CLOCK_PATIENCE, self._tell_of_silence)
         self.create_timer(DISCOVERY_PERIOD, self.discover)
         self.discover()
 
-    def _on_clock(self, message: Clock) -> None:
-        self.clock = message.clock.sec * 10**9 + message.clock.nanosec
+    def _on_clock(self, data: bytes, info: dict[str, int]) -> None:
+        shown = deserialize_message(data, Clock).clock
+        self.clock.heard(info["received_timestamp"], shown.sec * 10**9 + shown.nanosec)
+
+    def _stamp_by_clock(self, ended: bool = False) -> None:
+        """Write what waits, by what the clock showed as it arrived; ended: no message of the clock comes any more."""
+        now = time.time_ns()
+        came, self._waiting = sorted(self._waiting, key=lambda one: one[0]), []
+        for one in came:
+            arrived, connection, data = one
+            stamp = self.clock.at(arrived, now + (2 * SILENT if ended else 0))
+            if stamp is None:
+                self._waiting.append(one)
+            elif stamp:
+                self._write(connection, stamp, data)
+            else:
+                self.before_clock += 1
+        self.clock.forget(now - 2 * SILENT)
 
     def _tell_of_silence(self) -> None:
         """Once."""
@@ -83,14 +103,22 @@ class Recorder(Node):
 
     def _keep(self, connection: Connection) -> Callable[[bytes, dict[str, int]], None]:
         def keep(data: bytes, info: dict[str, int]) -> None:
-            stamp = self.clock if self.sim_time else info["received_timestamp"]
-            if stamp:
-                self.begun = self.begun or time.monotonic()
-                self.writer.write(connection, stamp, data)
+            arrived = info["received_timestamp"]
+            if self.sim_time:
+                self._waiting.append((arrived, connection, data))
             else:
-                self.before_clock += 1
+                self._write(connection, arrived, data)
 
         return keep
+
+    def _write(self, connection: Connection, stamp: int, data: bytes) -> None:
+        self.begun = self.begun or time.monotonic()
+        self.writer.write(connection, stamp, data)
+
+    def finish(self) -> None:
+        """Take and write what has come."""
+        self.loop.take()
+        self._stamp_by_clock(ended=True)
 
     def report(self) -> None:
         """Warn of what is not in the bag."""
@@ -133,7 +161,7 @@ def record(
                 return bool(stopping) or (duration is not None and time.monotonic() >= begun + duration)
 
             node.loop.run(over)
-            node.loop.take()
+            node.finish()
             node.report()
     except OSError as error:
         raise BagError(f"{path}: {error.strerror or error}") from error
