@@ -181,6 +181,17 @@ def test_a_name_that_no_topic_can_have_is_refused_before_a_bag_is_made(name: str
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("name", ["bag", "bag.mcap"])
+def test_a_bag_without_a_message_is_told_as_that_and_not_kept_by_the_recorder(tmp_path: Path, name: str) -> None:
+    with BagWriter(tmp_path / "empty.mcap") as writer:
+        writer.add_topic("/force", "std_msgs/msg/Float32")
+    assert "start      never: it holds no message\nduration   0.000 s" in describe_bag(tmp_path / "empty.mcap")
+    for _ in range(2):  # the second finds no bag of the first
+        with pytest.raises(BagError, match=f"{name} is not written: no message has come"):
+            record(tmp_path / name, ["/nobody"], duration=-4.9)
+    assert [file.name for file in tmp_path.iterdir()] == ["empty.mcap"]
+
+
 def bag_of(path: Path, *topics: str) -> Path:
     """One message on each topic, all at one instant."""
     with BagWriter(path) as writer:
@@ -423,5 +434,5 @@ def test_a_folder_that_is_no_bag_is_told_what_it_lacks(tmp_path: Path) -> None:
 def test_a_recording_of_which_nothing_came_is_a_mistake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("seed_bringup.bags.record.PATIENCE", 0.5)
     monkeypatch.setattr(signal, "signal", lambda *_: None)  # those of the tests stay
-    with pytest.raises(BagError, match="bag is empty: no message has come"):
+    with pytest.raises(BagError, match="bag is not written: no message has come"):
         record(tmp_path / "bag", ["/nobody/says/this"], duration=0.1)

@@ -115,7 +115,9 @@ def _decoded(path: Path, wanted: Callable[[str], bool]) -> Iterator[tuple[str, s
 def describe_bag(path: Path) -> str:
     """Duration, size, and each topic with type and number of messages."""
     with open_bag(path) as reader:
-        started = datetime.fromtimestamp(reader.start_time * 1e-9, tz=UTC).isoformat(timespec="milliseconds")
+        started = "never: it holds no message"
+        if reader.message_count:  # without one rosbags has the last moment that there is
+            started = datetime.fromtimestamp(reader.start_time * 1e-9, tz=UTC).isoformat(timespec="milliseconds")
         size = sum(f.stat().st_size for f in (path.glob("*") if path.is_dir() else [path]))
         lines = [
             f"bag        {path}",
@@ -163,6 +165,13 @@ class BagWriter(Writer):
         if self.path != self.target:
             (self.path / f"{self.path.name}.mcap").replace(self.target)
             shutil.rmtree(self.path.parent)
+
+    def discard(self) -> None:
+        """Remove the closed bag."""
+        if self.target.is_dir():
+            shutil.rmtree(self.target)
+        else:
+            self.target.unlink()
 
     def __exit__(self, *_: object) -> Literal[False]:
         self.close()

@@ -168,5 +168,6 @@ def record(
     finally:
         rclpy.try_shutdown()
     if not sum(writer.counts.values()):
-        raise BagError(f"{path} is empty: no message has come on the topics that were asked for")
+        writer.discard()
+        raise BagError(f"{path} is not written: no message has come on the topics that were asked for")
     return writer
