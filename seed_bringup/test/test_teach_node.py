@@ -19,10 +19,12 @@ from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
+from rosbags.typesys import get_types_from_msg
 from seed_msgs.msg import ControllerState, WrenchEstimate
 from std_srvs.srv import SetBool
 
 from seed_bringup.bags.files import BagWriter
+from seed_bringup.bags.types import InstalledTypes, definition_file
 from seed_bringup.teach import command
 from seed_control.tasks import load_task
 from seed_ros.conversions import stamped
@@ -90,6 +92,24 @@ def test_a_bag_that_is_no_demonstration_is_refused_by_name(tmp_path: Path, capsy
     assert not out.exists()
     assert command.main([str(tmp_path / "none" / "mine.yaml"), "--freedrive"]) == 2  # before any arm is led
     assert "there is no folder" in capsys.readouterr().err
+
+
+def test_a_bag_of_another_version_of_the_messages_is_refused_by_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As it was before the controller's state told where the tip is."""
+    before, name = InstalledTypes(), "seed_msgs/msg/ControllerState"
+    for other in ("geometry_msgs/msg/Pose", "geometry_msgs/msg/Wrench", "std_msgs/msg/Header"):
+        before.load(other)
+    lines = definition_file(name).read_text().splitlines()
+    before.register(get_types_from_msg("\n".join(line for line in lines if " tip " not in line), name))
+    with BagWriter(tmp_path / "old.mcap") as bag:
+        bag.add_topic("/wrench_estimate", "seed_msgs/msg/WrenchEstimate")
+        old = bag.add_connection("/controller/state", name, typestore=before)
+        bag.write(old, 1000, serialize_message(ControllerState()))
+    assert command.main([str(tmp_path / "mine.yaml"), str(tmp_path / "old.mcap")]) == 2
+    told = capsys.readouterr().err
+    assert f"/controller/state was recorded with another version of {name} than is installed here" in told
 
 
 def test_an_arm_that_is_led_by_hand_is_heard_and_held_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,6 +15,8 @@ from typing import Any, Literal
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection, Qos
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer, WriterError
+from rosbags.typesys import get_types_from_msg
+from rosbags.typesys.store import Typestore
 
 from seed_bringup.bags import BagError
 from seed_bringup.bags.types import InstalledTypes
@@ -86,6 +88,27 @@ def messages_of(reader: Reader, connections: Collection[Connection]) -> Iterator
         if found is None:
             return
         yield found
+
+
+def check_versions(path: Path, connections: Collection[Connection], types: InstalledTypes) -> None:
+    """Raises BagError: topics were recorded with other versions of their types than `types` has here."""
+    for c in connections:
+        if (digest := _digest(c)) and digest != types.hash(c.msgtype):
+            raise BagError(
+                f"{path}: {c.topic} was recorded with another version of {c.msgtype} than is installed here: "
+                "read the bag with that version of the suite"
+            )
+
+
+def _digest(connection: Connection) -> str:
+    """The hash of a topic's type as it was recorded; '' where the bag does not tell it."""
+    if connection.digest or not connection.msgdef.data:
+        return connection.digest
+    recorded = Typestore()  # a single file holds definitions alone
+    with suppress(Exception):  # as in open_bag
+        recorded.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
+        return recorded.hash_rihs01(connection.msgtype)
+    return ""
 
 
 def read_messages(path: Path, wanted: Callable[[str], bool]) -> Iterator[tuple[str, str, Any]]:

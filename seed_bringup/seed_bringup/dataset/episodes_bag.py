@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_bringup.bags import BagError
-from seed_bringup.bags.files import messages_of, open_bag
+from seed_bringup.bags.files import check_versions, messages_of, open_bag
 from seed_bringup.bags.types import InstalledTypes
 from seed_bringup.dataset.episode import LEAST, Episode, Frames, three_colours
 from seed_bringup.dataset.following import Following
@@ -139,12 +139,8 @@ def _streams(path: Path, reader: Any, types: InstalledTypes, namespace: str) -> 
     chosen = [c for c in reader.connections if names.get(c.id) in (*NEEDED, *PICTURES, TASKS)]
     if missing := [n for n in NEEDED if n not in {names[c.id] for c in chosen}]:
         raise BagError(f"{path} lacks {', '.join(root + m for m in missing)}: record with ./seed bag record --all")
+    check_versions(path, chosen, types)
     for c in chosen:
-        if c.digest and c.digest != types.hash(c.msgtype):
-            raise BagError(
-                f"{path}: {c.topic} was recorded with another version of {c.msgtype} than is installed here: "
-                "read the bag with that version of the suite"
-            )
         types.load(c.msgtype)
     return {c.id: names[c.id] for c in chosen}
 
