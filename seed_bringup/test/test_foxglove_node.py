@@ -17,6 +17,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not there (./seed test has it)")
 pytest.importorskip("foxglove", reason="needs foxglove-sdk")
 
 from geometry_msgs.msg import WrenchStamped
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from seed_msgs.msg import ControllerState, RelativePose, WrenchEstimate
 from std_msgs.msg import String
@@ -28,7 +29,7 @@ from seed_bringup.foxglove.ros.bridge import Bridge
 from seed_bringup.foxglove.schemas import read_play
 from seed_core.errors import FailedError
 from seed_core.program.files import shared_path
-from seed_ros import COMMAND, LATCHED
+from seed_ros import COMMAND, LATCHED, SENSOR
 from seed_ros.testing import Bench
 
 KINDS = {  # of the topics that the layout plots
@@ -157,6 +158,25 @@ def test_a_newcomer_is_told_what_is_latched(cell: Cell) -> None:
         cell.until(lambda app=app: app.messages)
         assert deserialize_message(app.messages[-1], String).data == "nobody sends a target"
     app.socket.close()
+
+
+@pytest.mark.parametrize("quality", [COMMAND, SENSOR, LATCHED])
+def test_a_panel_that_is_opened_while_the_cell_is_down_is_fed_when_it_is_back(cell: Cell, quality: QoSProfile) -> None:
+    cell.until(lambda: "/relative_pose" in cell.app.channels)
+    cell.bench.client.destroy_publisher(cell.poses)
+    cell.until(lambda: not cell.bridge.node.get_publishers_info_by_topic("/relative_pose"))
+    cell.app.subscribe("/relative_pose")
+    cell.bench.spin(0.2)
+    for again in (quality, COMMAND):  # and another one, as of a driver that was changed
+        publisher = cell.bench.client.create_publisher(RelativePose, "relative_pose", again)
+        cell.app.messages.clear()
+
+        def arrived(publisher: Any = publisher) -> bool:
+            publisher.publish(RelativePose())
+            return bool(cell.app.messages)
+
+        cell.until(arrived)
+        cell.bench.client.destroy_publisher(publisher)
 
 
 def test_buttons_reach_the_cell_and_its_answer_comes_back(cell: Cell) -> None:

@@ -15,6 +15,7 @@ import foxglove
 import rclpy
 from foxglove import Channel, Context, Service, ServiceRequest
 from foxglove.websocket import Capability, ChannelView, Client, ServerListener
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
@@ -33,6 +34,8 @@ from seed_ros import FixedRateLoop, client_node
 RATE = 30.0  # [Hz] at which messages are handed on
 DISCOVERY = 0.5  # [s] between two looks for topics
 PRESS, STOP = 30.0, 1.5  # [s] until a button has its answer
+
+_Offered = frozenset[tuple[ReliabilityPolicy, DurabilityPolicy]]
 
 
 class _Lookers(ServerListener):
@@ -78,7 +81,7 @@ class Bridge:
         self._namespace, self._lookers, self._graph = namespace, _Lookers(), Context()
         self._types = InstalledTypes()
         self._channels: dict[str, tuple[Channel, str, Any]] = {}  # topic there: channel, topic here, class
-        self._heard: dict[str, Subscription] = {}
+        self._heard: dict[str, tuple[Subscription, _Offered]] = {}  # and what was offered as it was subscribed to
         self._refused: set[str] = set()
         services = [
             Service(b, schema=service_schema(b), handler=self._on_button)
@@ -112,16 +115,33 @@ class Bridge:
     def _tick(self) -> None:
         looked_at, new = self._lookers.take()
         self.hands.saw(sum(looked_at.values()))
-        if time.monotonic() >= self._next_look:
+        if look := time.monotonic() >= self._next_look:
             self._next_look = time.monotonic() + DISCOVERY
             self._discover()
         for topic in [t for t in self._heard if t in new or not looked_at[t]]:
-            self.loop.leave(self._heard.pop(topic))
+            self.loop.leave(self._heard.pop(topic)[0])
         for topic in (t for t, n in looked_at.items() if n and t not in self._heard and t in self._channels):
-            channel, here, kind = self._channels[topic]  # anew for a newcomer, who is told what is latched
-            self._heard[topic] = self.loop.poll(kind, here, _forward(channel), TO_RECORD, raw=True)
+            if look or topic in new:  # anew for a newcomer, who is told what is latched
+                self._hear(topic)
+
+    def _hear(self, topic: str) -> None:
+        """Subscribe to a topic that is published: without that nothing tells how it will be offered."""
+        channel, here, kind = self._channels[topic]
+        if offered := self._offered(here):
+            subscription = self.loop.poll(kind, here, _forward(channel), TO_RECORD, raw=True)
+            self._heard[topic] = subscription, offered
+
+    def _offered(self, here: str) -> _Offered:
+        """Reliability and durability of those who publish a topic; empty without any."""
+        known = (info.qos_profile for info in self.node.get_publishers_info_by_topic(here))
+        return frozenset((profile.reliability, profile.durability) for profile in known)
 
     def _discover(self) -> None:
+        """Offer topics that are new; leave those whose publishers are gone, or offer them in another way by now."""
+        for heard, (subscription, offered) in list(self._heard.items()):
+            if self._offered(self._channels[heard][1]) != offered:
+                self.loop.leave(subscription)
+                del self._heard[heard]
         for here, kinds in self.node.get_topic_names_and_types():
             topic = offered_as(here, self._namespace)
             if topic is None or topic in self._channels or topic in self._refused:
