@@ -26,7 +26,9 @@ from std_srvs.srv import SetBool
 from seed_bringup.bags.files import BagWriter
 from seed_bringup.bags.types import InstalledTypes, definition_file
 from seed_bringup.teach import command
+from seed_bringup.teach.heard import STATE, WRENCH, Heard
 from seed_control.tasks import load_task
+from seed_control.teach import TeachError
 from seed_ros.conversions import stamped
 from seed_ros.qos import COMMAND
 
@@ -92,6 +94,79 @@ def test_a_bag_that_is_no_demonstration_is_refused_by_name(tmp_path: Path, capsy
     assert not out.exists()
     assert command.main([str(tmp_path / "none" / "mine.yaml"), "--freedrive"]) == 2  # before any arm is led
     assert "there is no folder" in capsys.readouterr().err
+
+
+def shown(
+    heard: Heard, *stretches: tuple[float, bool], start: float = 100.0, late: float = 0.0, ahead: int = 0
+) -> Heard:
+    """A tip that moves at 20 mm/s and presses with as many newtons as it went millimetres.
+
+    stretches: [s] of each, and whether the controller was enabled. late: [s] of the states after their image.
+    ahead: messages by which the states come before their forces.
+    """
+    states, wrenches, t = [], [], start
+    for duration, enabled in stretches:
+        for _ in range(round(duration * RATE)):
+            t += 1.0 / RATE
+            state, wrench = stamped(ControllerState, t + late, "base"), stamped(WrenchEstimate, t, "base")
+            state.enabled, state.estimate_age = enabled, late
+            state.tip.position.x = 0.02 * (t - start)
+            wrench.wrench.force.z = -20.0 * (t - start)
+            states.append(state)
+            wrenches.append(wrench)
+    for k in range(-abs(ahead), len(states) + abs(ahead)):
+        for name, messages, at in ((STATE, states, k + max(ahead, 0)), (WRENCH, wrenches, k + max(-ahead, 0))):
+            if 0 <= at < len(messages):
+                heard.take(name, messages[at])
+    return heard
+
+
+@pytest.mark.parametrize("late", [0.0, 0.05])
+@pytest.mark.parametrize("ahead", [0, 1, -1, 3])
+def test_tip_and_force_are_those_of_one_image_in_whatever_order_they_come(late: float, ahead: int) -> None:
+    d = shown(Heard(), (4.0, True), late=late, ahead=ahead).demonstration()
+    assert len(d.stamps) == 4 * RATE
+    np.testing.assert_allclose(d.X_W_tip[:, 0, 3], 0.02 * (d.stamps - 100.0), atol=1e-6)
+    np.testing.assert_allclose(d.forces[:, 2], -20.0 * (d.stamps - 100.0), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("stretches", "led", "taken", "told"),
+    [
+        (
+            [(20, False), (2, True)],
+            False,
+            20,
+            "of 2 stretches (20.0 s led, 2.0 s played) the longest was taken, 20.0 s led",
+        ),
+        ([(2, False), (6, True), (0.5, False), (9, True)], False, 9, "the longest was taken, 9.0 s played"),
+        ([(2, True), (3, False), (9, True)], True, 3, "the longest that was led was taken, 3.0 s led"),
+        ([(5, True)], False, 5, ""),
+    ],
+)
+def test_the_longest_stretch_counts_and_what_is_dropped_is_told(
+    stretches: list[tuple[float, bool]], led: bool, taken: float, told: str
+) -> None:
+    heard = shown(Heard(led), *stretches)
+    stamps = heard.demonstration().stamps
+    assert stamps[-1] - stamps[0] == pytest.approx(taken, abs=0.1)
+    assert heard.choice.endswith(told)
+    assert bool(heard.choice) is bool(told)
+
+
+def test_what_was_played_alone_is_nothing_that_was_led() -> None:
+    with pytest.raises(TeachError, match="enabled all the while, and --freedrive teaches what is led"):
+        shown(Heard(led=True), (5.0, True)).demonstration()
+
+
+def test_an_arm_that_stands_for_long_before_a_task_is_no_demonstration() -> None:
+    heard = Heard()
+    for k in range(60 * round(RATE)):
+        heard.take(STATE, stamped(ControllerState, k / RATE, "base"))
+        heard.take(WRENCH, stamped(WrenchEstimate, k / RATE, "base"))
+    shown(heard, (5.0, True))
+    assert heard.played
+    assert heard.choice == ""
 
 
 def test_a_bag_of_another_version_of_the_messages_is_refused_by_name(

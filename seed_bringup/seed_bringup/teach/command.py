@@ -28,7 +28,7 @@ def main(argv: list[str]) -> int:
     with leaving_at_once("teach"):
         from seed_bringup.teach.shown_bag import heard_in
     if options.bag is not None:
-        heard = heard_in(options.bag, options.namespace)
+        heard = heard_in(options.bag, options.namespace, options.freedrive)
     else:
         with leaving_at_once("teach"):
             from seed_bringup.teach.ros.live import heard_of
@@ -51,6 +51,8 @@ def main(argv: list[str]) -> int:
         f"{1e3 * made.length:.0f} mm in contact with {made.corners} corners, points within "
         f"{1e3 * made.uneven:.1f} mm of a plane"
     )
+    if heard.choice:
+        print(f"seed teach: {heard.choice}", flush=True)
     if heard.doubt:
         print(f"seed teach: some of the forces were in doubt: {heard.doubt}", file=sys.stderr)
     print(f"try it: ./seed evaluate {options.out}; then on the cell: ./seed play {options.out}")
@@ -90,7 +92,11 @@ def _parser() -> argparse.ArgumentParser:
         default=DEFAULTS.path,
         help="[m] by which the path may be simplified; default: %(default)s",
     )
-    p.add_argument("--freedrive", action="store_true", help="the driver lets the arm be led meanwhile")
+    p.add_argument(
+        "--freedrive",
+        action="store_true",
+        help="the driver lets the arm be led meanwhile; what is played does not count",
+    )
     p.add_argument("--seconds", type=number(0.0, "s"), default=0.0, help="[s] to listen; default: until Enter")
     p.add_argument("--force", action="store_true", help="write over an existing file")
     cell_arguments(p)

@@ -9,8 +9,12 @@ from seed_bringup.bags.types import InstalledTypes
 from seed_bringup.teach.heard import STATE, WRENCH, Heard
 
 
-def heard_in(path: Path, namespace: str = "") -> Heard:
-    """The messages of a bag. Raises BagError: no readable bag, of another version, or without what is needed."""
+def heard_in(path: Path, namespace: str = "", led: bool = False) -> Heard:
+    """The messages of a bag; led: as `Heard` has it.
+
+    Raises:
+        BagError: no readable bag, of another version, or without what is needed.
+    """
     root = f"/{namespace.strip('/')}/".replace("//", "/")
     names = {root + name: name for name in (STATE, WRENCH)}
     with open_bag(path) as reader:
@@ -18,7 +22,7 @@ def heard_in(path: Path, namespace: str = "") -> Heard:
         if missing := [t for t in names if t not in {c.topic for c in chosen}]:
             raise BagError(f"{path} lacks {', '.join(missing)}: record with ./seed bag record --all")
         check_versions(path, chosen, InstalledTypes())
-    heard = Heard()
+    heard = Heard(led)
     for topic, _, message in read_messages(path, lambda topic: topic in names):
         heard.take(names[topic], message)
     return heard

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import make_smoothing_spline
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation, Slerp
@@ -134,16 +135,25 @@ class Demonstration:
         Args:
             slow: [m/s]. touch: [N].
         """
-        step = max(round(0.5 * len(self.stamps) / max(self.stamps[-1] - self.stamps[0], 1e-9)), 1)  # of half a second
-        p, n = self.X_W_tip[:, :3, 3], len(self.stamps)
-        i = np.arange(n)
-        a, b = np.maximum(i - step // 2, 0), np.minimum(i + step // 2 + 1, n - 1)
-        speed = np.linalg.norm(p[b] - p[a], axis=1) / np.maximum(self.stamps[b] - self.stamps[a], 1e-9)
-        doing = np.flatnonzero((speed > slow) | (np.linalg.norm(self.forces, axis=1) > touch))
+        step, doing = self._doing(slow, touch)
         if not len(doing):
             return self
         keep = slice(max(int(doing[0]) - step, 0), int(doing[-1]) + step + 1)
         return Demonstration(self.stamps[keep], self.X_W_tip[keep], self.forces[keep])
+
+    @property
+    def moves(self) -> bool:
+        """Whether anything moved or touched, as `moving` has it by itself."""
+        return bool(len(self._doing(0.003, 1.0)[1]))
+
+    def _doing(self, slow: float, touch: float) -> tuple[int, NDArray[np.int_]]:
+        """Samples of half a second, and those in which the tip moves or touches."""
+        step = max(round(0.5 * len(self.stamps) / max(self.stamps[-1] - self.stamps[0], 1e-9)), 1)
+        p, n = self.X_W_tip[:, :3, 3], len(self.stamps)
+        i = np.arange(n)
+        a, b = np.maximum(i - step // 2, 0), np.minimum(i + step // 2 + 1, n - 1)
+        speed = np.linalg.norm(p[b] - p[a], axis=1) / np.maximum(self.stamps[b] - self.stamps[a], 1e-9)
+        return step, np.flatnonzero((speed > slow) | (np.linalg.norm(self.forces, axis=1) > touch))
 
     def even(self) -> Demonstration:
         """The same, smoothed and in steps of STEP.

@@ -26,7 +26,7 @@ def heard_of(check: Callable[[], None], namespace: str, freedrive: bool, seconds
     Raises:
         SessionError: the arm does not go into freedrive.
     """
-    heard = Heard()
+    heard = Heard(led=freedrive)
     with closing(Session(check, follow=False, namespace=namespace)) as session:
         for name, kind in ((STATE, ControllerState), (WRENCH, WrenchEstimate)):
             session.node.create_subscription(kind, name, partial(heard.take, name), QUEUE)
