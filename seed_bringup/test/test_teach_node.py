@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """./seed teach: from a bag, and from a cell whose arm is led by hand."""
 
+import os
 import re
+import select
 import threading
 import time
 from collections.abc import Iterator
@@ -27,6 +29,7 @@ from seed_bringup.bags.files import BagWriter
 from seed_bringup.bags.types import InstalledTypes, definition_file
 from seed_bringup.teach import command
 from seed_bringup.teach.heard import STATE, WRENCH, Heard
+from seed_bringup.teach.ros import live
 from seed_control.tasks import load_task
 from seed_control.teach import TeachError
 from seed_ros.conversions import stamped
@@ -167,6 +170,29 @@ def test_an_arm_that_stands_for_long_before_a_task_is_no_demonstration() -> None
     shown(heard, (5.0, True))
     assert heard.played
     assert heard.choice == ""
+
+
+def test_without_a_terminal_it_must_be_said_for_how_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with open(os.devnull) as nothing:
+        for stdin in (nothing, None):
+            monkeypatch.setattr("sys.stdin", stdin)
+            assert command.main([str(tmp_path / "mine.yaml"), "--freedrive"]) == 2  # before any arm is led
+            assert "no terminal in which Enter could end it: say --seconds" in capsys.readouterr().err
+
+
+def test_what_was_typed_before_does_not_end_a_demonstration(monkeypatch: pytest.MonkeyPatch) -> None:
+    keyboard, terminal = os.openpty()
+    with os.fdopen(terminal) as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        os.write(keyboard, b"\n")
+        assert select.select([stdin], [], [], 5.0)[0]
+        live.forget_typed()
+        assert not select.select([stdin], [], [], 0.2)[0]
+        os.write(keyboard, b"\n")
+        assert select.select([stdin], [], [], 5.0)[0]
+    os.close(keyboard)
 
 
 def test_a_bag_of_another_version_of_the_messages_is_refused_by_name(
