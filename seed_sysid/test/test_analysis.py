@@ -33,6 +33,20 @@ def test_friction_follows_the_way_between_poses() -> None:
     np.testing.assert_allclose(*states, atol=0.05)  # of a friction that is at most 1
 
 
+def test_friction_forgets_what_was_before_a_new_grasp() -> None:
+    """At each grip the tool is gripped anew before the poses along five of the axes."""
+    default = load("default")
+    friction = dict(zip(AXES, (0.08, 0.08, 0.08, 0.6, 0.6, 0.6), strict=True))  # [N m, N]
+    scenario = replace(default, grasp=replace(default.grasp, hysteresis=friction))
+    data, cell = at_rest(scenario, 6, anew=("pitch", "yaw", "x", "y", "z"))
+    assert data.samples[-1].grasp == 15
+    s = analyse(data, "kinematic").solution
+    off = s.value.stiffness - cell.truth.stiffness
+    assert (np.abs(off) < 4.0 * s.std.stiffness).all()
+    assert np.abs(off / cell.truth.stiffness).max() < 0.02
+    np.testing.assert_allclose(s.value.friction, list(friction.values()), rtol=0.1)
+
+
 def test_without_noise_the_fit_is_exact() -> None:
     scenario = IdentificationScenario(
         grasp=HiddenGrasp(pressure_noise=0.0),

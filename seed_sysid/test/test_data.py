@@ -99,6 +99,20 @@ def test_a_crash_loses_the_running_sample_only(data: Dataset, tmp_path: Path) ->
     assert not read(file).warnings
 
 
+def test_samples_of_an_earlier_release_are_all_of_one_grasp(data: Dataset) -> None:
+    old = [line.replace(', "grasp": 0', "") for line in _lines(data)]
+    assert '"grasp"' not in old[1]
+    assert parse(old, "old.jsonl").samples == data.samples
+
+
+def test_poses_on_the_way_of_a_grasp_before_are_not_those_of_the_next(data: Dataset) -> None:
+    """The second sample has no estimated pose, the third is of a new grasp."""
+    first, unseen, new = data.samples[:3]
+    pose = (0.001, 0.0, 0.0, 0.0, 0.0, 0.0)
+    told = [replace(first, estimator=pose), unseen, replace(new, estimator=pose, grasp=1)]
+    assert [s.via for s in replace(data, samples=told).with_poses("estimator").samples] == [(), ()]
+
+
 def test_a_run_continues_where_it_stopped_and_repeats_nothing(tmp_path: Path) -> None:
     scenario = load("default")
     procedure = replace(scenario.procedure, widths=[0.02])
@@ -110,6 +124,7 @@ def test_a_run_continues_where_it_stopped_and_repeats_nothing(tmp_path: Path) ->
     resumed, cell = simulate(scenario, 2101, file)
     assert [s.key for s in resumed.samples] == [s.key for s in whole.samples]
     assert file.read_text().splitlines()[:41] == kept
+    assert [s.grasp for s in resumed.samples] == [0] * 40 + [1] * 20  # its cell closes on the tool anew
     error = analyse(resumed, "kinematic").solution.value.stiffness / cell.truth.stiffness - 1.0
     assert np.abs(error).max() < 0.02
 

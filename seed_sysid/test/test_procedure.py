@@ -19,6 +19,7 @@ from seed_sim.identification.cell import SimulatedCell
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
 from seed_sysid.data.dataset import Header
+from seed_sysid.data.sample_file import read
 from seed_sysid.fit.analysis import analyse
 from seed_sysid.parameters import ExcitationParameters, LimitParameters, Procedure, SettleParameters
 from seed_sysid.run.excitation import Target, design
@@ -81,6 +82,7 @@ def test_slip_ends_the_run() -> None:
         if command.failure:
             break
     assert "slips" in command.failure
+    assert command.slid  # what goes on is a new grasp
     assert i == 301
 
 
@@ -383,6 +385,7 @@ def test_a_simulated_run_grips_anew_and_goes_on() -> None:
     data, _ = simulate(scenario, 1, None, cell=cell)
     assert cell.grasps > 1
     assert len(data.samples) == data.header.planned
+    assert sorted({s.grasp for s in data.samples}) == list(range(cell.grasps))  # friction begins anew in each
 
 
 def test_a_pose_that_loses_the_tool_at_every_grasp_is_left_out() -> None:
@@ -425,3 +428,32 @@ def _lose(live: Live, streams: Streams) -> None:
         streams.pose_stamp = streams.wrench_stamp = now
         streams.take_estimate(RelativePoseEstimate(now, np.eye(4), valid=not away), now)
         away |= not np.allclose(live.tick(now)[1].X_TC, np.eye(4), atol=0.05)
+
+
+@pytest.mark.parametrize("slip", [0.0, 0.5])
+def test_a_run_that_goes_on_is_in_a_new_grasp_if_the_tool_was_lost_or_slid(tmp_path: Path, slip: float) -> None:
+    """Friction has forgotten the grasp before. Interrupted otherwise, it is the same grasp."""
+    streams = _streams(0.0)
+    live = _live(streams, tmp_path)
+    if slip:
+        _go_on(live, 1)
+        streams.slip.append(slip)
+        with pytest.raises(LiveError, match="slips in the grasp"):
+            _go_on(live, 2)
+    else:
+        with pytest.raises(LiveError, match="initialise the grasp"):
+            _lose(live, streams)
+    live.recorder.close()
+    for count in (2, 3):
+        live = _live(_streams(0.0), tmp_path)
+        _go_on(live, count)
+        live.recorder.close()
+    assert [s.grasp for s in read(tmp_path / "samples.jsonl").samples] == [0, 1, 1]
+
+
+def _go_on(live: Live, count: int) -> None:
+    """Until so many samples are in the file; the arm follows."""
+    streams = live.streams
+    while len(live.recorder.samples) < count:
+        streams.pose_stamp = streams.wrench_stamp = now = streams.pose_stamp + 0.1
+        streams.X_WE = live.tick(now)[0]

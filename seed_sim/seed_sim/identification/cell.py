@@ -74,7 +74,8 @@ class SimulatedCell:
         )
 
     def grip_anew(self) -> None:
-        """Open the gripper and close it on the tool again; a bushing has nothing to forget."""
+        """Open the gripper and close it on the tool again, at the centre: friction forgets what was before."""
+        self._z, self._xi = np.zeros(6), np.zeros(6)
 
     @staticmethod
     def with_pressure(membrane: tuple[MembraneMotion, ...], pressures: tuple[float, ...]) -> tuple[MembraneMotion, ...]:

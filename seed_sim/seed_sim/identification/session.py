@@ -78,7 +78,8 @@ def simulate(
     samples = recorder.samples
     cell.stamp = samples[-1].stamp if samples else 0.0
     try:
-        run = Run(scenario.procedure, {s.key for s in samples}, recorder.header.X_TS, lost=recorder.lost)
+        grasp = samples[-1].grasp + 1 if samples else 0  # this cell's, which is closed on the tool anew
+        run = Run(scenario.procedure, {s.key for s in samples}, recorder.header.X_TS, lost=recorder.lost, grasp=grasp)
         last = _loop(run, cell, recorder, tell)
         for _ in range(_GRASPS - 1):
             if last.regrasp:  # what the failure asks of a user, who then goes on
@@ -99,7 +100,8 @@ def _loop(run: Run, cell: SimulatedCell, recorder: Recorder, tell: Tell | None) 
     shown = time.monotonic()
     while not (command.done or command.failure):
         command = run.step(cell.step(command))
-        recorder.record(cell.stamp, command.sample, command.event, command.lost)
+        ended = command.regrasp or command.slid
+        recorder.record(cell.stamp, command.sample, command.event, command.lost, ended)
         if tell is not None and time.monotonic() - shown > _SHOW:
             shown = time.monotonic()
             tell(run, cell.stamp)

@@ -75,6 +75,7 @@ class Sample:
         lost: drawn back because the estimator lost the tool.
         via: where the arm turned on its way from the last sample, if it did not come straight; friction depends on it.
         membrane: what both membranes did, where an estimator told.
+        grasp: number of the grasp, from 0: friction has forgotten what was before.
     """
 
     name: str
@@ -94,6 +95,7 @@ class Sample:
     lost: bool = False
     via: tuple[Pose, ...] = ()
     membrane: tuple[MembraneSample, ...] = ()
+    grasp: int = 0
 
     @property
     def key(self) -> str:
@@ -107,12 +109,14 @@ class Dataset:
 
     Attributes:
         lost: keys of the poses at which a run ended since the tool was lost, one for each time.
+        regrasp: whether a run ended after the last sample since the tool was lost or slid: what comes is a new grasp.
     """
 
     header: Header
     samples: list[Sample]
     warnings: list[str] = field(default_factory=list)
     lost: list[str] = field(default_factory=list)
+    regrasp: bool = False
 
     def poses(self, source: str) -> Array:
         """X_TC (n, 4, 4) from 'kinematic' or 'estimator'.
@@ -137,8 +141,10 @@ class Dataset:
         kept: list[Sample] = []
         missing: list[str] = []
         way: list[Pose] = []
+        grasp = 0
         for s in self.samples:
-            way += s.via
+            way = [*(way if s.grasp == grasp else ()), *s.via]
+            grasp = s.grasp
             if getattr(s, source) is not None:
                 kept.append(replace(s, via=tuple(way)))
                 way = []

@@ -27,7 +27,7 @@ class Recorder:
     """Keeps the samples of a run and appends each to a file as it comes; continues a file that the same run began."""
 
     def __init__(self, path: Path | None, header: Header) -> None:
-        """Open path; `samples`, `lost` and `header` are then what the file has. None keeps the samples in memory alone.
+        """Open path; `samples`, `lost`, `regrasp` and `header` are then what the file has. None keeps it in memory.
 
         What the header says of the sensor is taken over into a file that goes on; `remark` tells of it.
 
@@ -35,6 +35,7 @@ class Recorder:
             DatasetError: the file belongs to another run, or is no file of samples.
         """
         self.header, self.samples, self.lost = header, list[Sample](), list[str]()
+        self.regrasp = False
         self.remark = ""
         self._file: IO[str] | None = None
         if path is None:
@@ -59,6 +60,7 @@ class Recorder:
         given = {name: getattr(self.header, name) for name in SENSOR}
         changed = [f"{n} = {v} (was {was})" for n, v in given.items() if v != (was := getattr(old.header, n))]
         self.samples, self.lost, self.header = old.samples, old.lost, replace(old.header, **given)
+        self.regrasp = old.regrasp
         text = path.read_bytes()
         first, _, rest = text.partition(b"\n")
         if changed:
@@ -76,22 +78,32 @@ class Recorder:
     @property
     def dataset(self) -> Dataset:
         """All that was recorded."""
-        return Dataset(self.header, self.samples, [self.remark] if self.remark else [], self.lost)
+        return Dataset(self.header, self.samples, [self.remark] if self.remark else [], self.lost, self.regrasp)
+
+    @property
+    def grasp(self) -> int:
+        """Number of the grasp in which a run goes on."""
+        return (self.samples[-1].grasp if self.samples else 0) + self.regrasp
 
     def lines(self) -> list[str]:
         """Header and samples, as they stand in the file."""
         return [header_line(self.header), *(sample_line(s) for s in self.samples)]
 
-    def record(self, stamp: float, sample: Sample | None, event: str = "", lost: str = "") -> None:
+    def record(
+        self, stamp: float, sample: Sample | None, event: str = "", lost: str = "", regrasp: bool = False
+    ) -> None:
         """Write a finished sample and a remark (a limit met, a pose skipped), where there is one, to the disk.
 
         lost: key of the pose at which the run ends since the tool was lost, with the remark; '' otherwise.
+        regrasp: the run ends, with the remark, and goes on in a new grasp.
 
         Raises:
             DatasetError: the sample has a value that is not finite; it is not kept.
         """
         if event:
-            self._write(json.dumps({"event": {"stamp": stamp, "text": event} | ({"lost": lost} if lost else {})}))
+            more = ({"lost": lost} if lost else {}) | ({"regrasp": True} if regrasp else {})
+            self._write(json.dumps({"event": {"stamp": stamp, "text": event} | more}))
+        self.regrasp = (self.regrasp or regrasp) and not sample
         if lost:
             self.lost.append(lost)
         if sample:
@@ -157,7 +169,7 @@ def parse(lines: Iterable[str], source: str) -> Dataset:
         rows.pop()
     if not rows:
         raise DatasetError(f"{source}: the file is empty; record again")
-    header, samples, warnings, lost = _header(rows[0], f"{source}:1"), {}, [], []
+    header, samples, warnings, lost, regrasp = _header(rows[0], f"{source}:1"), {}, [], [], False
     for number, row in enumerate(rows[1:], start=2):
         where = f"{source}:{number}"
         try:
@@ -170,9 +182,11 @@ def parse(lines: Iterable[str], source: str) -> Dataset:
         if isinstance(entry, dict) and "sample" in entry:
             sample = _sample(entry["sample"], where)
             samples[sample.key] = sample  # of a pose that was repeated the last one
-        elif isinstance(entry, dict) and isinstance(event := entry.get("event"), dict) and "lost" in event:
-            lost.append(str(event["lost"]))
-    return Dataset(header, sorted(samples.values(), key=lambda s: s.stamp), warnings, lost)
+            regrasp = False
+        elif isinstance(entry, dict) and isinstance(event := entry.get("event"), dict):
+            lost += [str(event["lost"])] if "lost" in event else []
+            regrasp = regrasp or "lost" in event or "regrasp" in event
+    return Dataset(header, sorted(samples.values(), key=lambda s: s.stamp), warnings, lost, regrasp)
 
 
 def _header(row: str, where: str) -> Header:

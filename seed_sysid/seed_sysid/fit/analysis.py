@@ -177,7 +177,7 @@ def analyse(data: Dataset, source: str, parameters: FitParameters | None = None)
 def make_problem(data: Dataset, source: str, parameters: FitParameters) -> Problem:
     """The numbers of a dataset, wrenches moved to the nominal tool frame, grips counted from 0."""
     samples, X_TC = data.samples, data.poses(source)
-    path, index = _path(data, X_TC)
+    path, index, grasps = _path(data, X_TC)
     return Problem(
         X_TC=X_TC,
         wrench=data.wrenches() @ wrench_transform(data.header.X_TS).T,
@@ -188,19 +188,24 @@ def make_problem(data: Dataset, source: str, parameters: FitParameters) -> Probl
         index=index,
         z=np.zeros((len(samples), 6)),
         parameters=parameters,
+        grasps=grasps,
     )
 
 
-def _path(data: Dataset, X_TC: Array) -> tuple[Array, np.ndarray]:
-    """Points along the arm's way (m, 4, 4), close enough to show its curve, and which of them are the samples (n,)."""
-    points, index = [np.eye(4)], []
-    for sample, X in zip(data.samples, X_TC, strict=True):
+def _path(data: Dataset, X_TC: Array) -> tuple[Array, np.ndarray, tuple[int, ...]]:
+    """Points along the arm's way (m, 4, 4), close enough to show its curve, which of them are the samples (n,), and at
+    which another grasp begins: at the centre."""
+    points, index, grasps = [np.eye(4)], [], []
+    for before, sample, X in zip((None, *data.samples), data.samples, X_TC, strict=False):
+        if before is not None and sample.grasp != before.grasp:
+            grasps.append(len(points))
+            points.append(np.eye(4))
         for turn in (*(pose_from_rpy(v[3:], v[:3]) for v in sample.via), X):
             start = points[-1]
             points += [interpolate_pose(start, turn, share) for share in _WAY]
             points.append(turn)
         index.append(len(points) - 1)
-    return np.array(points), np.array(index)
+    return np.array(points), np.array(index), tuple(grasps)
 
 
 def _grip_state(data: Dataset, grip: int) -> tuple[float, float]:

@@ -2,10 +2,11 @@
 """Hysteresis, loading against unloading: friction along an axis that is elastic first and then slides (Prandtl's stop).
 
 The state z of an axis follows its coordinate with slope 1/yield and saturates at +-1; the load is k xi + h z. Between
-two samples each coordinate runs straight, so the state at the samples is exact. An axis is hysteretic when
-the data want its h: clearly away from zero, and not small beside what the axis carries.
+two samples each coordinate runs straight, so the state at the samples is exact. A new grasp begins with z = 0. An axis
+is hysteretic when the data want its h: clearly away from zero, and not small beside what the axis carries.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,10 +21,13 @@ _SIGNIFICANT = 6.0  # standard deviations
 _SHARE = 0.02  # of the largest elastic load on that axis; below it friction does not matter
 
 
-def stop_states(path: Array, index: np.ndarray, yields: Array) -> Array:
-    """z (n, 6) of n samples, which are the points `index` (n,) of a path (m, 6) that starts at rest at the centre."""
+def stop_states(path: Array, index: np.ndarray, yields: Array, grasps: Sequence[int] = ()) -> Array:
+    """z (n, 6) of n samples, which are the points `index` (n,) of a path (m, 6) that starts at rest at the centre, and
+    anew in another grasp at each of the points `grasps`."""
     steps = np.diff(path, axis=0, prepend=np.zeros((1, 6))) / yields
-    return np.asarray(np.array([_stop(axis) for axis in steps.T.tolist()]).T[index])
+    steps[list(grasps)] = 0.0
+    states = [np.array([_stop(axis) for axis in part.T.tolist()]) for part in np.split(steps, list(grasps))]
+    return np.asarray(np.concatenate(states, axis=1).T[index])
 
 
 def _stop(steps: list[float]) -> list[float]:
@@ -48,7 +52,7 @@ def fit_with_friction(problem: Problem) -> tuple[Problem, Solution]:
     ranges = np.abs(xi).max(axis=0)
     trials = []
     for share in _YIELDS:
-        z = stop_states(xi, problem.index, np.maximum(share * ranges, 1e-9))
+        z = stop_states(xi, problem.index, np.maximum(share * ranges, 1e-9), problem.grasps)
         trial = replace(problem, z=z, hysteretic=tuple(range(6)))
         trials.append((trial, fit_stiffness(trial)))
     best, solution = min(trials, key=lambda trial: _cost(trial[1]))

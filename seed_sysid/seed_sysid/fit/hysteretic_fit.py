@@ -95,7 +95,8 @@ class _Fit:
         self.B = wrench_transform(to_C) @ self.B
         self.largest = np.maximum(np.abs(xi).max(axis=0), 1e-9)
         self.yields = np.outer(YIELDS, self.largest)
-        states = [stop_states(path, self._problem.index, y)[keep] for y in self.yields]
+        problem = self._problem
+        states = [stop_states(path, problem.index, y, problem.grasps)[keep] for y in self.yields]
         self.terms = np.stack([xi, xi * np.abs(xi), *states], axis=2)
 
     def _columns(self, offset: Array) -> Array:

@@ -33,6 +33,7 @@ class Problem:
         group: (n,) noise that a sample has: 0 along one axis, 1 a combination, whose pose an estimator knows less well.
         path: (m, 4, 4) all points where the arm turned, in order; index: (n,) which of them the samples are.
         z: (n, 6) states of friction, which counts on the `hysteretic` axes.
+        grasps: which points of the path begin another grasp.
     """
 
     X_TC: Array
@@ -45,6 +46,7 @@ class Problem:
     z: Array
     hysteretic: tuple[int, ...] = ()
     parameters: FitParameters = field(default_factory=FitParameters)
+    grasps: tuple[int, ...] = ()
 
 
 class Unknowns(NamedTuple):

@@ -170,7 +170,8 @@ class Live:
                 "bring it back, or choose another output"
             )
         self._last: float | None = None  # [s] time of the last tick
-        self.run = Run(procedure, {s.key for s in self.recorder.samples}, head.X_TS, X_TC, self.recorder.lost)
+        finished, lost = {s.key for s in self.recorder.samples}, self.recorder.lost
+        self.run = Run(procedure, finished, head.X_TS, X_TC, lost, self.recorder.grasp)
 
     @property
     def kept(self) -> str:
@@ -191,7 +192,8 @@ class Live:
             )
         if not problem:
             command = self.run.step(self._reading(now))
-            self.recorder.record(now, command.sample, command.event, command.lost)
+            ended = command.regrasp or command.slid
+            self.recorder.record(now, command.sample, command.event, command.lost, ended)
             problem = command.failure
         if problem:
             raise LiveError(f"{problem}; {self.kept}")

@@ -68,6 +68,7 @@ class Command:
     failure: str = ""
     lost: str = ""  # key of the pose at which the tool was lost, with a failure
     regrasp: bool = False  # after which a new grasp mends the failure
+    slid: bool = False  # the tool did, with a failure: to go on it is gripped again
 
 
 @dataclass
@@ -90,11 +91,12 @@ class Run:
         X_TS: Array | None = None,
         start: Array | None = None,
         lost: Sequence[str] = (),
+        grasp: int = 0,
     ) -> None:
         """Plan every pose that is not among the finished keys ('grip/name'), nor twice among the lost.
 
         X_TS (4, 4) is the sensor's nominal pose; start (4, 4) where C is in T now; lost: keys of the poses at which the
-        tool was lost and an earlier run ended, one for each time.
+        tool was lost and an earlier run ended, one for each time; grasp: number of the grasp.
         """
         self.procedure = procedure
         plan = [(grip, target) for grip, targets in enumerate(designs(procedure)) for target in targets]
@@ -111,6 +113,7 @@ class Run:
         self._lost_on: set[tuple[int, Target]] = set()  # grips and poses on whose way it was lost
         self._lost_at = set(lost)  # keys of the poses that asked for a new grasp
         self._visit: _Visit | None = None
+        self._grasp = grasp
         self._grip: int | None = None  # that the gripper holds
         self._grip_start: float | None = None
         self._tare: Array | None = None
@@ -130,6 +133,7 @@ class Run:
         """The failure was mended by a new grasp at the centre: go on with the pose at which it happened."""
         self._grip, self._visit, self._retreat, self._at = None, None, False, np.eye(4)
         self._via = []
+        self._grasp += 1
 
     def step(self, reading: Reading) -> Command:
         """The command that answers a reading."""
@@ -152,7 +156,8 @@ class Run:
         limits = self.procedure.limits
         if reading.gross_slip or reading.slip > limits.slip:
             reason = f"the tool slips in the grasp (slip {reading.slip:.2f}, limits.slip = {limits.slip:g})"
-            return self._command("failed", failure=f"{reason}: grip again, more firmly or with smaller poses")
+            failure = f"{reason}: grip again, more firmly or with smaller poses"
+            return self._command("failed", failure=failure, event=f"{self._visit.target.name}: {reason}", slid=True)
         if self._tare is None:
             self._tare = reading.wrench
         reason = limit_reached(reading.X_TC, self._to_tool @ (reading.wrench - self._tare), limits)
@@ -242,7 +247,8 @@ class Run:
         planned = self._queue.pop(0)
         grip, lost = planned[0], planned in self._lost_on
         self._visit, self.done = None, self.done + 1
-        sample = average(visit.target, grip, visit.readings, self._rest.quality, visit.attempts > 1, self._via, lost)
+        clipped = visit.attempts > 1
+        sample = average(visit.target, grip, visit.readings, self._rest.quality, clipped, self._via, lost, self._grasp)
         self._via = []
         if visit.target.kind == "home":
             self._tare = np.array(sample.wrench)
@@ -274,6 +280,7 @@ def average(
     clipped: bool,
     via: Sequence[Pose] = (),
     lost: bool = False,
+    grasp: int = 0,
 ) -> Sample:
     """One sample from the readings of one pose at rest."""
     wrenches = np.array([r.wrench for r in readings])
@@ -298,4 +305,5 @@ def average(
         lost=lost,
         via=tuple(via),
         membrane=mean_membrane([r.membrane for r in readings]),
+        grasp=grasp,
     )
