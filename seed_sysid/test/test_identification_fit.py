@@ -6,14 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import chi2, t
-from synthetic_problem import GRIPS, NOISE, POSES, made, random_poses
+from synthetic_problem import GRIPS, NOISE, POSES, TRUTH, made, random_poses
 
 from seed_core.bushing import Bushing
 from seed_core.hand import DEFAULT_STIFFNESS
 from seed_core.spatial import make_pose, so3_exp
 from seed_sysid.fit.identification_fit import Solution, fit_stiffness
-from seed_sysid.fit.load_model import LoadModel, Unknowns, left_jacobian
-from seed_sysid.parameters import FitParameters
+from seed_sysid.fit.load_model import LoadModel, Problem, Unknowns, left_jacobian
+from seed_sysid.parameters import ExcitationParameters, FitParameters, LimitParameters
+from seed_sysid.run.excitation import design
 from seed_sysid.stiffness_map import stiffness_map
 
 
@@ -106,6 +107,24 @@ def test_noise_is_told_for_each_channel_and_group() -> None:
     np.testing.assert_allclose(solution.noise, expected, rtol=2e-3)  # but for single outliers
 
 
+def test_the_noise_of_one_grip_is_neither_understated_nor_its_intervals_too_narrow() -> None:
+    """The torques of the 20 combinations tell the offset of the sensor's frame: it takes 3 of their 20 degrees."""
+    targets = design(ExcitationParameters(), LimitParameters())
+    X_TC, n = np.array([target.X_TC for target in targets]), len(targets)
+    group = np.array([int(target.kind in ("combination", "work")) for target in targets])
+    still = np.zeros((n, 6)), np.zeros(n, int), np.linspace(0.0, 600.0, n), group, X_TC, np.arange(n), np.zeros((n, 6))
+    problem = Problem(X_TC, *still)
+    truth = TRUTH._replace(stiffness=TRUTH.stiffness[:1], bias=TRUTH.bias[:1])
+    wrench = LoadModel(problem, np.ones(n, bool)).predict(truth)
+    rng, power, covered = np.random.default_rng(3), [], []
+    for _ in range(200):
+        s = fit_stiffness(replace(problem, wrench=wrench + NOISE * rng.normal(size=(n, 6))))
+        power.append((s.sample_noise[group == 1][0] / NOISE)[:3] ** 2)
+        covered.append(np.abs(s.value.stiffness - truth.stiffness) <= s.half_width)
+    assert np.mean(power) == pytest.approx(1.0, abs=0.05)  # three deviations of 600 of 17 degrees: 0.04
+    assert np.mean(covered) == pytest.approx(0.95, abs=0.013)  # two deviations of 1200
+
+
 def test_a_group_of_few_samples_shares_the_noise_of_all() -> None:
     problem, _ = made(noise=1.0)
     for few, shared in ((11, True), (12, False)):
@@ -132,8 +151,13 @@ def test_standard_deviations_and_intervals_are_those_of_the_weighted_least_squar
     std = solution.std.vector()
     np.testing.assert_allclose(std[std > 0.0], np.sqrt(np.diag(covariance)), rtol=1e-6)
     np.testing.assert_allclose(solution.condition, np.linalg.cond(J / np.linalg.norm(J, axis=0)), rtol=1e-6)
-    degrees = solution.inlier.sum() - J.shape[1] / 6.0
-    np.testing.assert_allclose(solution.half_width, t.ppf(0.975, degrees) * solution.std.stiffness, rtol=1e-12)
+    Q, _ = np.linalg.qr(J)
+    leverage = (Q**2).sum(axis=1).reshape(-1, 6)
+    assert leverage.sum() == pytest.approx(J.shape[1])
+    degrees = np.array([(solution.inlier & (problem.group == g)).sum() - leverage[problem.group == g].sum(axis=0)
+                        for g in (0, 1)])  # fmt: skip
+    half = t.ppf(0.975, degrees.min()) * solution.std.stiffness
+    np.testing.assert_allclose(solution.half_width, half, rtol=1e-9)
 
 
 def test_forces_of_the_plain_model_are_ordinary_least_squares() -> None:

@@ -5,13 +5,14 @@ It answers Sec. VI of the paper (System Identification), which names no formula:
 the wrench to the pose, found by perturbing the grasp of a force/torque sensor.
 
 Minimised are the residuals of the load model (seed_sysid.fit.load_model), each divided by its channel's noise, which is
-itself estimated from the residuals, apart for poses along one axis and for combinations. The steps:
+itself estimated from the residuals, apart for poses along one axis and for combinations, for the degrees of freedom
+that these leave: n less the sum of their leverages. The steps:
 
 1. linear least squares for stiffness and bias alone, where the rest is zero;
 2. Gauss-Newton for all unknowns under a soft-L1 loss, which outliers do not pull far;
 3. samples whose six residuals together are less likely than FitParameters.outlier are left out, and plain least squares
    finishes, so that the covariance (J^T J)^-1 means what it says;
-4. standard deviations from that covariance, intervals by Student's t.
+4. standard deviations from that covariance, intervals by Student's t with the fewest degrees of freedom of any noise.
 """
 
 from dataclasses import dataclass
@@ -85,7 +86,7 @@ def fit_stiffness(problem: Problem, train: np.ndarray | None = None) -> Solution
 
 
 class _Fit:
-    """The fit on its way: the unknowns (flat), the noise (GROUPS, 6) and the samples that take part (n,)."""
+    """The fit on its way: unknowns (flat), noise by group (GROUPS, 6) and of all (6,), samples that take part (n,)."""
 
     def __init__(self, problem: Problem, train: np.ndarray) -> None:
         self.problem, self.train = problem, train
@@ -93,7 +94,7 @@ class _Fit:
         axes = np.isin(np.arange(6), problem.hysteretic)
         self.free = self.model.mask(problem.parameters.offset, problem.parameters.drift, axes)
         self.unknowns = np.zeros(len(self.free))
-        self.noise = np.tile(_START_NOISE, (GROUPS, 1))
+        self.noise, self.overall = np.tile(_START_NOISE, (GROUPS, 1)), _START_NOISE
         self.inlier = train
 
     def start_linearly(self) -> None:
@@ -116,11 +117,10 @@ class _Fit:
                 break
 
     def estimate_noise(self, robust: bool) -> None:
-        """Each group's standard deviation of each channel, for the degrees of freedom that the fit has used."""
-        r, group = self._residuals(), self.problem.group
-        members = [self.inlier & (group == g) for g in range(GROUPS)]
-        spread = [_spread(r[mine] if mine.sum() >= _FEW else r[self.inlier], robust) for mine in members]
-        self.noise = self._per_degree(np.array(spread))
+        """Each group's standard deviation of each channel, for the degrees of freedom that its samples leave."""
+        r, leverage = self._residuals(), self._leverage()
+        self.noise = np.array([_deviation(r[mine], leverage[mine], robust) for mine in self._members()])
+        self.overall = _deviation(r[self.inlier], leverage[self.inlier], robust)
 
     def likely(self, noise: Array) -> np.ndarray:
         """(n,) whether a sample's residuals together pass for noise (GROUPS, 6): their squared Mahalanobis distance."""
@@ -137,7 +137,9 @@ class _Fit:
         value, deviation, r = Unknowns.from_vector(self.unknowns), Unknowns.from_vector(std), self._residuals()
         measured = self.problem.wrench[self.inlier]
         total = ((measured - measured.mean(axis=0)) ** 2).sum(axis=0)
-        quantile = float(stdtrit(self._degrees(), 0.5 * (1.0 + self.problem.parameters.confidence)))
+        leverage = self._leverage()
+        fewest = min(float(_degrees(leverage[mine]).min()) for mine in self._members())
+        quantile = float(stdtrit(fewest, 0.5 * (1.0 + self.problem.parameters.confidence)))
         return Solution(
             value=value,
             std=deviation,
@@ -146,7 +148,7 @@ class _Fit:
             inlier=self.inlier,
             likely=self.likely(self.noise),
             sample_noise=self.noise[self.problem.group],
-            noise=self._per_degree(_spread(r[self.inlier], robust=False)),
+            noise=self.overall,
             r_squared=1.0 - (r[self.inlier] ** 2).sum(axis=0) / np.maximum(total, 1e-300),
             condition=float(singular[0] / max(singular[-1], 1e-300)),
         )
@@ -168,14 +170,24 @@ class _Fit:
         lengths = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
         return J / lengths, lengths
 
-    def _degrees(self) -> float:
-        """Degrees of freedom of one channel."""
-        return max(1.0, float(self.inlier.sum()) - float(self.free.sum()) / 6.0)
+    def _members(self) -> list[np.ndarray]:
+        """(n,) by group, the fitted samples that tell its noise: its own, or all where these are few."""
+        own = [self.inlier & (self.problem.group == g) for g in range(GROUPS)]
+        return [mine if mine.sum() >= _FEW else self.inlier for mine in own]
 
-    def _per_degree(self, spread: Array) -> Array:
-        return np.asarray(np.maximum(spread * np.sqrt(self.inlier.sum() / self._degrees()), _LEAST_NOISE))
+    def _leverage(self) -> Array:
+        """(n, 6) share of its own value in the prediction of each number: the diagonal of J (J^T J)^-1 J^T."""
+        J, _ = self._scaled_jacobian(self._weight())
+        inverse = np.linalg.pinv(J.T @ J, rcond=1e-12, hermitian=True)
+        return np.asarray(np.einsum("ij,ij->i", J @ inverse, J).reshape(-1, 6))
 
 
-def _spread(r: Array, robust: bool) -> Array:
-    """(6,) standard deviation of residuals (n, 6) around zero."""
-    return np.asarray(1.4826 * np.median(np.abs(r), axis=0) if robust else np.sqrt(np.mean(r**2, axis=0)))
+def _degrees(leverage: Array) -> Array:
+    """(6,) degrees of freedom that samples of this leverage (n, 6) leave in each channel."""
+    return np.asarray(np.maximum(len(leverage) - leverage.sum(axis=0), 1.0))
+
+
+def _deviation(r: Array, leverage: Array, robust: bool) -> Array:
+    """(6,) standard deviation of the noise that has left residuals (n, 6) of this leverage."""
+    spread = 1.4826 * np.median(np.abs(r), axis=0) if robust else np.sqrt(np.mean(r**2, axis=0))
+    return np.asarray(np.maximum(spread * np.sqrt(len(r) / _degrees(leverage)), _LEAST_NOISE))
