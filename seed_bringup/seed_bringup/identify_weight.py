@@ -70,7 +70,7 @@ def recorded(path: Path, hand_file: str, model: Model, folder: Path | None) -> A
         "left_out": [rests[i].stamp - recording.arm[0][0] for i in fit.left_out],
         "membrane_slopes": None if slopes is None else slope_figures(slopes),
     }
-    lines = [f"stiffness by the weight of '{tool.name}', {tool.mass:g} kg, in {len(rests)} attitudes:"]
+    lines = [f"stiffness by the weight of '{tool.name}', {tool.mass:g} kg, in {len(rests)} attitudes, 95 % intervals:"]
     lines += stiffness_lines(fit)
     if fit.left_out:
         when = ", ".join(f"{t:.1f} s" for t in figures["left_out"])
@@ -114,7 +114,8 @@ def simulated(name: str, seed: int, model: Model | None) -> Answer:
     scenario = load(name)
     fit, figures = identify_with_weight(scenario, seed, model or scenario.procedure.fit.model)
     truth = np.concatenate([figures["truth"]["rotation"], figures["truth"]["translation"]])
-    lines = [f"stiffness from a weight of {scenario.weight.mass:g} kg in {figures['orientations']} orientations:"]
+    held = f"a weight of {scenario.weight.mass:g} kg in {figures['orientations']} orientations"
+    lines = [f"stiffness from {held}, 95 % intervals:"]
     return "\n".join(lines + stiffness_lines(fit, truth)), figures, True
 
 

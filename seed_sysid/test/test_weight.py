@@ -5,9 +5,11 @@ import json
 
 import numpy as np
 import pytest
+from scipy.stats import norm, t
 
 from seed_bringup import identify
 from seed_core.hand import DEFAULT_STIFFNESS
+from seed_core.spatial import make_pose
 from seed_sim.identification.weight import simulate_weight
 from seed_sysid.fit.weight import WeightError, fit_weight
 
@@ -24,6 +26,30 @@ def test_a_weight_with_a_lever_gives_roll_and_pitch_too() -> None:
     fit = fit_weight(*simulate_weight(DEFAULT_STIFFNESS, 0.3, np.array([0.0, 0.0, 0.08]), np.random.default_rng(2)))
     np.testing.assert_allclose(fit.stiffness[:2], K[:2], rtol=0.08)
     assert set(fit.undetermined) == {"yaw"}
+
+
+def test_intervals_of_few_orientations_contain_the_truth_as_often_as_they_say() -> None:
+    rng, off = np.random.default_rng(3), []
+    for _ in range(12):
+        X_TC, wrench = simulate_weight(DEFAULT_STIFFNESS, 0.15, np.array([0.0, 0.0, 0.06]), rng)
+        for few in (slice(0, 4), slice(1, 6), slice(4, 10)):
+            fit = fit_weight(X_TC[few], wrench[few])
+            given = np.isfinite(fit.stiffness)
+            off += (np.abs(fit.stiffness - K) / fit.half_width)[given].tolist()
+            np.testing.assert_allclose(fit.std[given], fit.half_width[given] / norm.ppf(0.975), rtol=1e-3)
+    assert len(off) > 100
+    assert np.mean(np.array(off) > 1.0) < 0.08
+    assert max(off) < 2.0
+
+
+def test_orientations_that_lie_on_a_line_by_chance_state_the_noise_of_a_mean_pose_all_the_same() -> None:
+    """Of poses without noise: 0.03 mm over the lever of the loads, by Student's t."""
+    force = np.array([-2.0, -1.0, 1.0, 2.0])
+    X_TC = np.array([make_pose(None, (f / 800.0, 0.0, 0.0)) for f in force])
+    fit = fit_weight(X_TC, np.outer(force, np.eye(6)[3]))
+    assert fit.stiffness[3] == pytest.approx(800.0)
+    half = t.ppf(0.975, 2) * 3e-5 / np.sqrt(force @ force)  # [m/N]
+    assert fit.half_width[3] == pytest.approx(800.0**2 * half)
 
 
 def test_weight_from_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,6 +16,7 @@ from seed_sysid.fit.identification_fit import Solution
 from seed_sysid.stiffness_map import AXES
 
 _CONFIDENCE = 0.95  # of a slope's interval
+NORMAL_95 = 1.96  # standard deviations of a normal distribution in half of that interval
 _MEANINGFUL = 0.02  # relative change over the range of pressures that counts as a trend
 _SAME = 1e-6  # [m] by which the widths of grips that have one width may differ
 _LINEAR = 0.1  # scatter of pressure over width, as a share of its range, that still passes for a line

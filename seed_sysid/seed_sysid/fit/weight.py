@@ -14,12 +14,12 @@ from numpy.typing import ArrayLike
 from seed_core.bushing import Model
 from seed_core.errors import SeedError
 from seed_core.spatial import Array
-from seed_sysid.fit.stiffness_schedule import Line, fit_line
+from seed_sysid.fit.stiffness_schedule import NORMAL_95, Line, fit_line
 from seed_sysid.stiffness_map import AXES, LOAD_UNITS, stiffness_map
 
 ORIENTATIONS_DEG = ((0, 0), (90, 0), (-90, 0), (180, 0), (0, 90), (0, -90), (45, 0), (0, 45), (-135, 0), (0, -135))
 """Roll and pitch of the hand that load every axis; any other orientations do as well."""
-_UNCERTAIN = 0.10  # relative standard deviation above which an axis is not given
+_UNCERTAIN = 0.10  # relative scatter of a line's slope above which an axis is not given
 LOADED = (1e-3,) * 3 + (0.05,) * 3  # [N m, N]; an axis whose load varies by less is not loaded
 MINIMUM = 4  # orientations
 _STRAY, _MOST_LEFT_OUT = 6.0, 0.3  # deviations off the line through the others; share of the orientations
@@ -36,16 +36,22 @@ class WeightFit:
     """Stiffness by a weight.
 
     Attributes:
-        stiffness: (6,) [N m/rad, N/m], nan where the weight cannot tell. std: (6,) its standard deviation.
+        stiffness: (6,) [N m/rad, N/m], nan where the weight cannot tell. half_width: (6,) of the 95 % interval, by
+            Student's t: few orientations tell little of the noise.
         undetermined: by axis why the weight cannot tell.
         left_out: indices of the orientations that do not go with the others: something else loaded the tool, or
             carried it.
     """
 
     stiffness: Array
-    std: Array
+    half_width: Array
     undetermined: dict[str, str]
     left_out: tuple[int, ...] = ()
+
+    @property
+    def std(self) -> Array:
+        """(6,) [N m/rad, N/m], with which a normal distribution has the same 95 % interval."""
+        return np.asarray(self.half_width / NORMAL_95)
 
 
 def fit_weight(X_TC: ArrayLike, wrench: ArrayLike, model: Model = "midpoint") -> WeightFit:
@@ -69,21 +75,21 @@ def fit_weight(X_TC: ArrayLike, wrench: ArrayLike, model: Model = "midpoint") ->
     left_out = _strays(load, xi)
     kept = np.setdiff1d(np.arange(len(load)), left_out)
     load, xi = load[kept], xi[kept]
-    stiffness, std, reasons = np.full(6, np.nan), np.full(6, np.nan), {}
+    stiffness, half, reasons = np.full(6, np.nan), np.full(6, np.nan), {}
     for j, axis in enumerate(AXES):
         span, unit = float(np.ptp(load[:, j])), LOAD_UNITS[j]
         if span < LOADED[j]:
             kind = "torque" if j < 3 else "force"
             reasons[axis] = f"the weight puts no {kind} on it (at most {span:.2g} {unit})"
             continue
-        compliance = compliance_line(load[:, j], xi[:, j])
+        compliance = compliance_line(load[:, j], xi[:, j], _NOISE[j])
         if compliance is None:
             reasons[axis] = f"its load varies by {span:.2g} {unit} only: too little for the noise of the poses"
             continue
-        stiffness[j], std[j] = 1.0 / compliance.slope, compliance.slope_std / compliance.slope**2
+        stiffness[j], half[j] = 1.0 / compliance.slope, compliance.slope_interval / compliance.slope**2
     if len(reasons) == 6:
         raise WeightError("the weight determines no axis: use a heavier one and turn the hand further")
-    return WeightFit(stiffness, std, reasons, left_out)
+    return WeightFit(stiffness, half, reasons, left_out)
 
 
 def loads_and_deflections(X_TC: Array, wrench: Array, model: Model) -> tuple[Array, Array]:
@@ -116,7 +122,8 @@ def _off(load: Array, xi: Array, loads: Array, others: Array) -> float:
     return worst
 
 
-def compliance_line(load: Array, deflection: Array) -> Line | None:
-    """The line of deflections (n,) over known loads (n,); None where noise hides its slope, or it falls."""
-    line = fit_line(load, deflection, np.zeros(len(load)))
+def compliance_line(load: Array, deflection: Array, noise: float = 0.0) -> Line | None:
+    """The line of deflections (n,), of at least this noise, over known loads (n,); None where noise hides its slope, or
+    it falls."""
+    line = fit_line(load, deflection, np.full(len(load), noise))
     return line if line.slope > 0.0 and line.slope_std <= _UNCERTAIN * line.slope else None

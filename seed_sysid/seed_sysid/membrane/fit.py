@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from seed_core.spatial import Array
+from seed_sysid.fit.stiffness_schedule import NORMAL_95
 from seed_sysid.membrane.data import MembraneData
 from seed_sysid.membrane.regression import Regression, regress
 from seed_sysid.membrane.terms import GAS_PARITY, KINDS, MAIN, MODELS, PRESSURES, WRENCH_PARITY, Group, groups, values
@@ -27,7 +28,6 @@ _ROUNDS = 3
 _STILL = 0.1  # share of the median squared motion at which weights begin to fall
 _OUTLIER = 100.0  # sum of six squared errors in robust deviations: 12 is the 95 % quantile of normal ones
 _MOST_OUTLIERS = 0.1  # share; more are no outliers
-NORMAL_95 = 1.96  # standard deviations
 _RANK = 24  # rows kept of the coefficients' spread
 
 

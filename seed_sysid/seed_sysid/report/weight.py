@@ -38,10 +38,10 @@ def slope_figures(found: WeightSlopes) -> dict[str, Any]:
 
 
 def stiffness_lines(fit: WeightFit, truth: Array | None = None) -> list[str]:
-    """A line for each axis; truth: (6,) of a simulation."""
+    """A line for each axis, with its 95 % interval; truth: (6,) of a simulation."""
     lines = []
     for j, axis in enumerate(AXES):
-        told = f"{fit.stiffness[j]:9.2f} +- {2 * fit.std[j]:6.2f} {UNITS[j]:<8}"
+        told = f"{fit.stiffness[j]:9.2f} +- {fit.half_width[j]:6.2f} {UNITS[j]:<8}"
         if truth is not None:
             told += f" true {truth[j]:9.2f}  error {abs(fit.stiffness[j] / truth[j] - 1):6.2%}"
         lines.append(_line(axis, told, fit.undetermined))
