@@ -12,6 +12,7 @@ from seed_core.hand import Frame, Hand
 from seed_core.spatial import inverse_pose, make_pose, so3_exp, so3_log
 from seed_estimation.calibration import calibrate as cal
 from seed_estimation.calibration import file
+from seed_estimation.calibration.cylinder import GAP, TURN, Line, extrinsics
 from seed_sim.tactile.parameters import TactileParameters
 from seed_sim.tactile.renderer import TactileRenderer
 from seed_sim.world.procedures.captures import captures
@@ -98,6 +99,42 @@ def test_a_calibration_of_an_earlier_release_counts_as_it_did() -> None:
 def test_a_finger_of_another_name_is_refused() -> None:
     with pytest.raises(ConfigError, match="fingers has the key 'Left'; it may have: left, right"):
         load_text("fingers: {Left: {width: 224, height: 171}}", file.Calibration)
+
+
+def test_poses_of_the_cylinder_that_lie_alike_are_refused(shown: dict) -> None:
+    grasped = {finger: [images[0]] * 3 for finger, images in shown["grasped"].items()}
+    with pytest.raises(
+        SeedError, match=r"lies alike in all poses, within 0.0 degrees \(at least 8\).* tilt it by 10 to"
+    ):
+        cal.calibrate(**{**shown, "grasped": grasped}, hand=Hand())
+
+
+def test_the_fewer_tilts_there_are_the_less_is_stated_to_be_known(shown: dict) -> None:
+    few = {finger: [images[i] for i in (0, 0, 1)] for finger, images in shown["grasped"].items()}  # 10 deg of roll
+    one, five = (cal.calibrate(**{**shown, "grasped": g}, hand=Hand()) for g in (few, shown["grasped"]))
+    assert one.mutual_rotation_std > 1.5 * five.mutual_rotation_std
+
+
+@pytest.mark.parametrize("tilts", [(0, 5, -5), (0, 15, -15), (0, 8, 20)])
+def test_what_is_stated_of_the_cameras_is_what_they_err_by(tilts: tuple[float, ...]) -> None:
+    """Of 60 draws, axes off by a quarter of the noise that they are weighed with, drawings by 6 mrad and 1 mm."""
+    rng, hand, errors, stated = np.random.default_rng(0), Hand(), [], []
+    for _ in range(60):
+        half = 0.5 * rng.normal(size=6) * np.repeat([6e-3, 1e-3], 3)
+        X = [make_pose(so3_exp(s * half[:3]), s * half[3:]) @ X for s, X in ((1, hand.X_CL), (-1, hand.X_CR))]
+        lines: tuple[list[Line], list[Line]] = ([], [])
+        for deg in tilts:
+            for X_CX, seen in zip(X, lines, strict=True):
+                turn, shift = 0.25 * rng.normal(size=(2, 3)) * np.array([TURN, [GAP] * 3]) / np.sqrt(2.0)
+                d = so3_exp(turn) @ so3_exp(np.array([0.0, np.deg2rad(deg), 0.0])) @ np.array([0.0, 0.0, 1.0])
+                seen.append(Line(shift, d).moved(inverse_pose(X_CX)))
+        A, B, std = extrinsics(*lines, hand.X_CL, hand.X_CR)
+        E = A @ inverse_pose(X[0]) @ inverse_pose(B @ inverse_pose(X[1]))
+        errors.append(np.concatenate([so3_log(E[:3, :3]), E[:3, 3]]))
+        stated.append(std)
+    ratio = np.sqrt(np.mean(np.square(errors), axis=0) / np.mean(np.square(stated), axis=0))
+    assert ratio.max() < 1.3
+    assert ratio.min() > 0.7
 
 
 def test_poses_that_only_one_camera_has_seen_are_refused(shown: dict) -> None:

@@ -14,6 +14,7 @@ Extrinsics: each camera sees one side of the cylinder; the axes that both sides 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ from seed_core.hand import FINGERS, Hand, read_hand
 from seed_core.program.command_line import Parser, command, number
 from seed_core.program.npz import read_npz
 from seed_core.spatial import Array, so3_log
-from seed_estimation.calibration.cylinder import extrinsics, seen_axis
+from seed_estimation.calibration.cylinder import Line, extrinsics, seen_axis
 from seed_estimation.calibration.file import STEP, Calibration, FingerCalibration, frame_of, save
 from seed_estimation.contact.membrane import Membrane, mean_depth, membrane_at_rest
 from seed_estimation.contact.surface import smooth_depth
@@ -34,8 +35,9 @@ from seed_estimation.parameters import EstimatorParameters
 
 SMOOTH = 2.0  # [px] of the stored correction; what is finer is taken out of every reference anyway
 FILL = 40.0  # [px] blur of what stands in for pixels without depth
-# How well the cylinder tells the cameras' poses to each other, per axis: docs/how_to/calibrate.md has the captures
+# How well the cylinder tells the cameras' poses to each other at best, per axis: docs/how_to/calibrate.md
 MUTUAL_ROTATION_STD, MUTUAL_POSITION_STD = 0.0012, 0.00015  # [rad], [m]
+LEAST_TURN = np.deg2rad(8.0)  # [rad] between the cylinder's axes of two poses, in one camera at least
 NEAR, FAR = 0.03, 0.15  # [m] of a membrane; an uncalibrated range reads up to 20 mm far
 
 PARAMETERS = replace(EstimatorParameters(), near=NEAR, far=FAR)
@@ -96,10 +98,23 @@ def calibrate(
         raise SeedError(f"poses of the cylinder in the capture: {told}; each must be before both cameras: capture anew")
     if len(cameras) < 2 or min(poses.values()) < 3:
         return Calibration(fingers)
-    found = dict(zip(FINGERS, extrinsics(lines["left"], lines["right"], X["left"], X["right"]), strict=True))
+    _refuse_alike(lines)
+    left, right, std = extrinsics(lines["left"], lines["right"], X["left"], X["right"])
+    found = {"left": left, "right": right}
     drawn = {"left": hand.C_L, "right": hand.C_R}
     fingers = {f: replace(one, pose=frame_of(found[f]), drawn=drawn[f]) for f, one in fingers.items()}
-    return Calibration(fingers, MUTUAL_ROTATION_STD, MUTUAL_POSITION_STD)
+    rotation, position = (round(float(np.sqrt(np.mean(part**2))), 6) for part in (std[:3], std[3:]))
+    return Calibration(fingers, max(rotation, MUTUAL_ROTATION_STD), max(position, MUTUAL_POSITION_STD))
+
+
+def _refuse_alike(lines: Mapping[str, Sequence[Line]]) -> None:
+    """Raises SeedError where the cylinder lies alike in all poses: nothing tells how the cameras lie along it."""
+    turned = max(a.angle(b) for seen in lines.values() for a, b in combinations(seen, 2))
+    if turned < LEAST_TURN:
+        raise SeedError(
+            f"the cylinder lies alike in all poses, within {np.rad2deg(turned):.1f} degrees (at least "
+            f"{np.rad2deg(LEAST_TURN):.0f}): capture anew, and tilt it by 10 to 20 degrees between the poses"
+        )
 
 
 def at_rest(

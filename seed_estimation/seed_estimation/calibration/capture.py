@@ -13,7 +13,7 @@ from seed_core.errors import FailedError, SeedError
 from seed_core.hand import Hand
 from seed_core.program.npz import write_npz
 from seed_core.spatial import Array
-from seed_estimation.calibration.calibrate import FAR, NEAR, PARAMETERS, MembraneShape, at_rest
+from seed_estimation.calibration.calibrate import FAR, LEAST_TURN, NEAR, PARAMETERS, MembraneShape, at_rest
 from seed_estimation.calibration.cylinder import Line, seen_axis
 from seed_estimation.contact.membrane import Membrane, mean_depth
 from seed_estimation.images.camera import PinholeCamera
@@ -24,7 +24,6 @@ MOST_FULL = 0.02  # share of pixels that may be full, above which dots and specu
 MOST_NOISE = 1.5e-3  # [m] median deviation of a pixel over time; a PicoFlexx has 0.5 mm
 MOST_DRIFT = 0.4e-3  # [m] between the first and the second half of the images: somebody touches or moves it
 BOX, HALF = 9, 0.5  # [px] side of the boxes; share of a box that must have depth
-LEAST_TURN = np.deg2rad(5.0)  # [rad] between the cylinder's axes of two poses, in one camera at least
 LEAST_POSES, MOST_POSES = 3, 5
 
 Frames = Sequence[Mapping[str, TactileImages]]  # images of both fingers, one after the other
@@ -148,7 +147,7 @@ class Capture:
         for finger in self._cameras:
             with _naming(finger):
                 axes[finger] = self._axis(finger, mean[finger])
-        turns = [max(_angle(axes[f], other[f]) for f in axes) for other in self._axes]
+        turns = [max(axes[f].angle(other[f]) for f in axes) for other in self._axes]
         if turns and min(turns) < LEAST_TURN:
             k = int(np.argmin(turns)) + 1
             raise FailedError(
@@ -179,11 +178,6 @@ class Capture:
             if self._held:
                 arrays[f"{finger}_grasped"] = np.stack([mean[finger] for mean in self._held])
         write_npz(path, arrays)
-
-
-def _angle(a: Line, b: Line) -> float:
-    """Between two axes [rad]."""
-    return float(np.arccos(min(1.0, abs(float(a.d @ b.d)))))
 
 
 @contextmanager

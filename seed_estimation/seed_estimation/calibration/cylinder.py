@@ -23,6 +23,11 @@ PRIOR = np.array([0.05] * 3 + [0.005] * 3)  # [rad], [m] how wrong a drawing of 
 GAP, TURN = 1e-4, np.array((2.5e-3, 8e-3, 8e-3))
 
 
+# In those deviations: axes of a good capture agree to 0.4, and the cameras' poses err as if by 0.25, since what all
+# poses of the cylinder share cancels; better agreement is chance.
+SHARE, LEAST = 0.6, 0.25
+
+
 class Line(NamedTuple):
     """A point p (3,) [m] on a line and its unit direction d (3,)."""
 
@@ -33,14 +38,22 @@ class Line(NamedTuple):
         """The same line in another frame, of pose X (4, 4)."""
         return Line(X[:3, :3] @ self.p + X[:3, 3], X[:3, :3] @ self.d)
 
+    def angle(self, other: Line) -> float:
+        """Between both lines, whichever way they point [rad]."""
+        return float(np.arccos(min(1.0, abs(float(self.d @ other.d)))))
+
     def offsets(self, points: Array) -> Array:
         """(N, 3) from the line to points (N, 3) [m], at right angles to it."""
         offset = points - self.p
         return np.asarray(offset - np.outer(offset @ self.d, self.d))
 
 
-def extrinsics(left: Sequence[Line], right: Sequence[Line], X_CL: Array, X_CR: Array) -> tuple[Array, Array]:
-    """X_CL, X_CR (4, 4), corrected by equal and opposite steps that make both cameras' axes of each grasp one line."""
+def extrinsics(left: Sequence[Line], right: Sequence[Line], X_CL: Array, X_CR: Array) -> tuple[Array, Array, Array]:
+    """X_CL, X_CR (4, 4), corrected by equal and opposite steps that make both cameras' axes of each grasp one line.
+
+    And how well they tell the cameras' poses to each other: standard deviations (6,) about and along x, y, z of C
+    [rad, m], by how well the axes agree afterwards.
+    """
 
     def corrected(q: Array) -> tuple[Array, Array]:
         half = 0.5 * q * PRIOR
@@ -55,7 +68,12 @@ def extrinsics(left: Sequence[Line], right: Sequence[Line], X_CL: Array, X_CR: A
             out += [(gap - (gap @ a_C.d) * a_C.d) / GAP, np.cross(a_C.d, b_C.d) / TURN]
         return np.concatenate(out)
 
-    return corrected(least_squares(residual, np.zeros(6)).x)
+    found = least_squares(residual, np.zeros(6))
+    of_axes, J = found.fun[6:], np.asarray(found.jac)[6:]
+    rms = float(np.sqrt(of_axes @ of_axes / max(4 * len(left) - 6, 1)))  # four numbers tell an axis
+    scatter = max(SHARE * rms, LEAST)
+    std = PRIOR * np.sqrt(np.diag(np.linalg.inv(np.eye(6) + J.T @ J / scatter**2)))
+    return *corrected(found.x), std
 
 
 def seen_axis(membrane: Membrane, depth: Image, radius: float, p: EstimatorParameters) -> Line:
