@@ -232,6 +232,29 @@ def test_single_samples_that_are_lost_or_wrong_do_not_spoil_the_map(data: Datase
     assert (fit.share[3:] < 0.06).all()
 
 
+@pytest.mark.parametrize(("wrong", "kept"), [(8, True), (26, False)])
+def test_gross_errors_in_a_seventh_of_the_samples_are_left_out_and_in_nearly_half_refused(
+    data: Dataset, wrong: int, kept: bool
+) -> None:
+    rng = np.random.default_rng(2)
+    clean = _changed(data, slice(60, 120))
+    pick = {clean.samples[i].key for i in rng.choice(np.arange(1, 60), wrong, replace=False)}
+
+    def spoilt(s: Sample) -> Sample:
+        return replace(s, wrench=(*s.wrench[:3], *(np.array(s.wrench[3:]) + 8.0 * rng.normal(size=3)).tolist()))
+
+    dirty = membrane_data(_changed(clean, slice(0, 60), lambda s: spoilt(s) if s.key in pick else s))
+    if not kept:
+        with pytest.raises(DatasetError, match=r"of 60 samples of a grip 20.0 mm wide are .* \(at most 30% may"):
+            fit_without_outliers(dirty, "smooth")
+        return
+    fit, outliers = fit_without_outliers(dirty, "smooth")
+    left = {clean.samples[i].key for i in np.setdiff1d(np.arange(60), fit.data.kept)}
+    assert pick <= left
+    assert outliers == len(left) <= wrong + 3
+    assert_allclose(fit.share, fit_membrane(membrane_data(clean), "smooth").share, atol=0.03)
+
+
 def _jumped(s: Sample) -> Sample:
     """An estimator that has lost its track: 4 mm off."""
     return replace(s, membrane=tuple(replace(m, motion=(m.motion[0] + 4e-3, *m.motion[1:])) for m in s.membrane))

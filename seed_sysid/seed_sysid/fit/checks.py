@@ -13,7 +13,7 @@ from seed_sysid.stiffness_map import AXES, CHANNELS, UNITS, stiffness_map
 MINIMUM_POSES = 12  # at each grip; 12 unknowns with 6 numbers per pose, and something left to judge the fit by
 _EXCITED = np.array([np.deg2rad(1.0)] * 3 + [5e-4] * 3)  # [rad, m]; an axis that moved less is not excited
 _SATURATED = 3  # samples that share a channel's extreme value to the last digit
-_MOST_OUTLIERS = 0.3  # share of a grip's poses: of more nobody knows which are right; bent springs leave 0.25
+MOST_OUTLIERS = 0.3  # share of a grip's poses: of more nobody knows which are right; bent springs leave 0.25
 _DISAGREE = np.array([6.0, 0.006])  # [deg, m]; median gap of two sources of pose
 _OFFSET_DEG, _OFFSET = 20.0, 0.04  # [deg], [m]; a larger frame offset is a wrong frame, not a tolerance
 _CORRECT = (
@@ -59,9 +59,9 @@ def check_inliers(data: Dataset, source: str, inlier: np.ndarray) -> None:
     for grip in np.unique(grips):
         mine = grips == grip
         out = [s.key for s, left_out in zip(data.samples, mine & ~inlier, strict=True) if left_out]
-        if len(out) > _MOST_OUTLIERS * mine.sum():
+        if len(out) > MOST_OUTLIERS * mine.sum():
             raise DatasetError(
-                f"grip {grip}: {len(out)} of {mine.sum()} poses do not fit one spring (at most {_MOST_OUTLIERS:.0%} "
+                f"grip {grip}: {len(out)} of {mine.sum()} poses do not fit one spring (at most {MOST_OUTLIERS:.0%} "
                 f"may be left out; first: {out[0]}): check that the tool sits fast and that nothing but the hand "
                 "touches the sensor, and record again"
             )

@@ -19,6 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from seed_core.spatial import Array
+from seed_sysid.data.dataset import DatasetError
+from seed_sysid.fit.checks import MOST_OUTLIERS
 from seed_sysid.fit.stiffness_schedule import NORMAL_95
 from seed_sysid.membrane.data import MembraneData
 from seed_sysid.membrane.regression import Regression, regress
@@ -26,8 +28,8 @@ from seed_sysid.membrane.terms import GAS_PARITY, KINDS, MAIN, MODELS, PRESSURES
 
 _ROUNDS = 3
 _STILL = 0.1  # share of the median squared motion at which weights begin to fall
+_FEW_OUTLIERS = 0.1  # share; more hide each other
 _OUTLIER = 100.0  # sum of six squared errors in robust deviations: 12 is the 95 % quantile of normal ones
-_MOST_OUTLIERS = 0.1  # share; more are no outliers
 _RANK = 24  # rows kept of the coefficients' spread
 
 
@@ -151,14 +153,38 @@ def fit_membrane(data: MembraneData, model: str, known: Array | None = None) -> 
 
 
 def fit_without_outliers(data: MembraneData, model: str) -> tuple[MembraneFit, int]:
-    """The fit, and how many samples were left out because the others do not predict them at all."""
-    fit = fit_membrane(data, model)
-    weighed = fit.left_out * sample_weights(data.Z)[:, None]
-    squared = ((weighed / (1.4826 * np.median(np.abs(weighed), axis=0))) ** 2).sum(axis=1)
-    bad = squared > _OUTLIER
-    if not bad.any() or bad.mean() > _MOST_OUTLIERS:
-        return fit, 0
-    return fit_membrane(data.without(bad), model), int(bad.sum())
+    """The fit, and how many samples were left out because the others do not predict them at all.
+
+    Many gross errors hide each other and make good samples look wrong, so of many only the worse half is left out
+    before the others are judged anew.
+
+    Raises:
+        DatasetError: so many of a grip are not predicted that nobody knows which are right.
+    """
+    fit, grip = fit_membrane(data, model), data.grip
+    poses = np.bincount(grip)
+    while True:
+        squared = _squared_errors(fit)
+        bad = int((squared > _OUTLIER).sum())
+        if not bad:
+            return fit, len(grip) - len(squared)
+        worst = np.argsort(-squared)[: bad if bad <= _FEW_OUTLIERS * len(squared) else (bad + 1) // 2]
+        kept = fit.data.without(np.isin(np.arange(len(squared)), worst))
+        gone = poses - np.bincount(kept.grip, minlength=len(poses))
+        if (gone > MOST_OUTLIERS * poses).any():
+            g = int(np.argmax(gone / poses))
+            raise DatasetError(
+                f"{gone[g]} of {poses[g]} samples of a grip {1e3 * data.widths[g]:.1f} mm wide are not predicted by "
+                f"the others (at most {MOST_OUTLIERS:.0%} may be left out): check that the estimator follows the tool "
+                "and that nothing but the hand touches the sensor, and record again"
+            )
+        fit = fit_membrane(kept, model)
+
+
+def _squared_errors(fit: MembraneFit) -> Array:
+    """(n,) of each sample, predicted from all others: sum over six components in robust deviations."""
+    weighed = fit.left_out * sample_weights(fit.data.Z)[:, None]
+    return np.asarray(((weighed / (1.4826 * np.median(np.abs(weighed), axis=0))) ** 2).sum(axis=1))
 
 
 def sample_weights(Z: Array) -> Array:
