@@ -319,6 +319,14 @@ def test_recover_goes_from_a_safety_fault_to_an_arm_that_can_move_and_moves_noth
     assert peer.call("recover").message == "power on, brake release; call resend_robot_program"
 
 
+def test_safety_requests_without_a_stop_are_refused_and_the_arm_follows_on(peer, robot) -> None:
+    peer.hold(0.3)
+    for request, what in (("restart_safety", "restart"), ("unlock_protective_stop", "unlock")):
+        refused = peer.call(request)
+        assert (refused.success, refused.message) == (False, f"the safety system is NORMAL: nothing to {what}")
+    assert robot.ask("state")["robot_mode"] == 7  # it has its power
+
+
 def test_recover_waits_for_a_protective_stop_to_be_unlocked_and_leaves_an_emergency_stop_to_people(peer, robot) -> None:
     robot.ask("protective_stop")
     assert peer.call("recover").message == "protective stop ended; call resend_robot_program"

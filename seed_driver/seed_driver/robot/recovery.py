@@ -25,6 +25,18 @@ POWERLESS = {  # safety modes in which a robot takes no power, though its dashbo
     "VIOLATION": "call restart_safety",
     "FAULT": "call restart_safety",
 }
+ENDED_BY = POWERLESS | {"PROTECTIVE_STOP": "call unlock_protective_stop"}
+MODES_OF_RTDE = {
+    1: "NORMAL",
+    2: "REDUCED",
+    3: "PROTECTIVE_STOP",
+    4: "RECOVERY",
+    5: "SAFEGUARD_STOP",
+    6: "SYSTEM_EMERGENCY_STOP",
+    7: "ROBOT_EMERGENCY_STOP",
+    8: "VIOLATION",
+    9: "FAULT",
+}
 REMEDIES = {
     "PROTECTIVE_STOP": ("unlock protective stop", LOCKED),
     "VIOLATION": ("restart safety", RESTARTING),
@@ -63,13 +75,48 @@ def power_on(host: str, pause: Pause = time.sleep) -> str:
     return switch(host, "power on", "brake release", said="releasing", pause=pause)
 
 
-def restart_safety(host: str) -> str:
-    """After a violation or fault of the safety system; the arm is without power then. Raises LinkError."""
+def unlock(host: str, safety_mode: int = 0, pause: Pause = time.sleep) -> str:
+    """End a protective stop; what was accepted.
+
+    Args:
+        safety_mode: that the robot told last, by RTDE; 0: none.
+        pause: as in `recover`.
+
+    Raises:
+        LinkError: there is none, or it is not unlocked yet.
+    """
+    _require(host, safety_mode, "unlock", "PROTECTIVE_STOP")
+    return switch(host, "close safety popup", "unlock protective stop", said="releasing", pause=pause)
+
+
+def restart_safety(host: str, safety_mode: int = 0) -> str:
+    """After a violation or fault of the safety system; the arm is without power then.
+
+    Args:
+        safety_mode: that the robot told last, by RTDE; 0: none.
+
+    Raises:
+        LinkError: there is neither, for that would take an arm's power away, or it is refused.
+    """
+    _require(host, safety_mode, "restart", "VIOLATION", "FAULT")
     try:
         answer = switch(host, "close safety popup", "restart safety", said="restarting safety")
     except LinkError as error:
         raise LinkError(f"the safety system is not restarted: {error}") from error
     return f"{answer}; then call power_on"
+
+
+def _require(host: str, safety_mode: int, what: str, *modes: str) -> None:
+    """Raise LinkError unless the safety system is in one of these modes, or nobody tells its mode."""
+    try:
+        safety = _safety(lambda *commands: dashboard(host, *commands))
+    except NoDashboardError:  # PolyScope X: what the link tells
+        safety = MODES_OF_RTDE.get(safety_mode, "")
+        if not safety:
+            return
+    if safety not in modes:
+        remedy = f"; {ENDED_BY[safety]}" if safety in ENDED_BY else ""
+        raise LinkError(f"the safety system is {safety}: nothing to {what}{remedy}")
 
 
 def _make_safe(ask: Ask, pause: Pause) -> list[str]:

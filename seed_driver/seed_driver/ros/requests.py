@@ -16,8 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 from seed_core.errors import SeedError
 from seed_driver.process.supervisor import Supervisor
 from seed_driver.robot.link import LinkError
-from seed_driver.robot.recovery import power_on, recover, restart_safety
-from seed_driver.robot.robot_api import switch
+from seed_driver.robot.recovery import power_on, recover, restart_safety, unlock
 from seed_driver.robot.tool_io import set_tool_output, set_tool_voltage
 from seed_ros import SeedNode
 
@@ -45,9 +44,9 @@ class Requests:
             "stop": self._stop,
             "zero_ftsensor": partial(self._ask_servo, "zero_ft"),
             "resend_robot_program": partial(self._ask_servo, "start"),
-            "unlock_protective_stop": partial(self._release, "close safety popup", "unlock protective stop"),
+            "unlock_protective_stop": self._unlock,
             "power_on": self._power_on,
-            "restart_safety": partial(self._in_thread, restart_safety),
+            "restart_safety": self._restart_safety,
             "recover": self._recover,
         }
         for name, method in services.items():
@@ -105,9 +104,16 @@ class Requests:
         """The voltage that is configured at the tool's connector, or none."""
         return await self._in_thread(set_tool_voltage, self._tool_voltage() if on else 0)
 
-    async def _release(self, *commands: str) -> str:
-        """The controller's answer to commands of which the last releases something."""
-        return await self._in_thread(partial(switch, said="releasing", pause=self._pause()), *commands)
+    def _safety_mode(self) -> int:
+        """That the robot told last; 0 without a link."""
+        state = self._require_active()[0].state
+        return state.sample.modes.safety_mode if state.linked else 0
+
+    async def _unlock(self) -> str:
+        return await self._in_thread(partial(unlock, safety_mode=self._safety_mode(), pause=self._pause()))
+
+    async def _restart_safety(self) -> str:
+        return await self._in_thread(partial(restart_safety, safety_mode=self._safety_mode()))
 
     def _pause(self) -> Callable[[float], None]:
         """Waits so long [s], as time.sleep does. Raises LinkError: it was given up meanwhile."""
