@@ -162,6 +162,8 @@ class ServoProcess:
                 return s.stop()
             case "refuse":
                 return s.target_refused(str(message["reason"]))
+            case "hold":
+                return s.hold(str(message["reason"]))
             case "zero_ft":
                 return s.zero_ft()
             case "freedrive":

@@ -234,6 +234,12 @@ class Session:
             self.motion.hold(reason)
         return ""
 
+    def hold(self, reason: str) -> str:
+        """The node has found what no motion may begin with; what holds already keeps its reason."""
+        if not self.reason:
+            self.motion.hold(reason)
+        return ""
+
     def zero_ft(self) -> str:
         """Zero the force/torque sensor while the arm stands."""
         robot = self._need_program()

@@ -228,6 +228,34 @@ def test_stop_holds_until_the_program_is_asked_for_again(peer, robot) -> None:
     assert_allclose(place(robot), before, atol=1e-5)
 
 
+def test_two_nodes_that_send_targets_at_once_have_the_arm_hold_and_are_named(peer, robot) -> None:
+    (x, y, z), q = peer.pose()
+    with Peer() as other:  # one that only could send is no matter
+        other.wait(lambda: other.poses, 5.0, "pose")
+        peer.hold(0.5)
+        assert peer.latest["hold_reason"].data == ""
+        until = time.monotonic() + 1.0
+        while time.monotonic() < until:
+            peer.send((x, y + 0.015, z), q)
+            peer.spin(0.005)
+            other.send((x, y - 0.015, z), q)
+            peer.spin(0.005)
+        told = "more than one node sends target_frame (/peer and /peer): end all but one"
+        assert peer.latest["hold_reason"].data == told
+        assert_allclose(place(robot), (x, y, z), atol=5e-3)
+        assert peer.call("resend_robot_program").success  # while both go on, it holds again
+        for _ in range(20):
+            peer.send((x, y + 0.015, z), q)
+            other.send((x, y - 0.015, z), q)
+            peer.spin(0.01)
+        assert peer.latest["hold_reason"].data == told
+        assert_allclose(place(robot), (x, y, z), atol=5e-3)
+    peer.spin(0.6)
+    assert peer.call("resend_robot_program").success
+    peer.hold(0.3)
+    assert peer.latest["hold_reason"].data == ""
+
+
 def test_wrench_is_given_in_the_tool_frame(peer, robot) -> None:
     robot.ask("wrench", wrench=[1.0, 2.0, 3.0, 0.1, 0.2, 0.3])
     peer.spin(0.3)

@@ -154,13 +154,21 @@ class FixedRateLoop:
         return self.node.get_clock().now().nanoseconds * 1e-9 if self._simulated else time.monotonic()
 
     def poll(
-        self, kind: Any, topic: str, callback: Callable[..., None], qos: QoSProfile, *, raw: bool = False
+        self,
+        kind: Any,
+        topic: str,
+        callback: Callable[..., None],
+        qos: QoSProfile,
+        *,
+        raw: bool = False,
+        informed: bool = False,
     ) -> Subscription:
         """As create_subscription; the callback runs at the beginning of a period.
 
-        Raw messages stay serialized, and the callback gets what is known of each besides (MessageInfo as a dict).
+        Raw messages stay serialized. Their callback, or an informed one, gets what is known of each besides
+        (MessageInfo as a dict).
         """
-        receive = callback if raw else lambda message, _: callback(message)
+        receive = callback if raw or informed else lambda message, _: callback(message)
         subscription = self.node.create_subscription(
             kind, topic, receive, qos, callback_group=self._group, event_callbacks=QUIET, raw=raw
         )

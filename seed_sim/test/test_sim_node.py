@@ -352,3 +352,38 @@ def test_a_grasp_tells_what_the_controller_was_told_wrong(tmp_path: Path) -> Non
         assert "mass 0.2 kg, told 0.5 kg" in bench.call(Trigger, "sim/grasp", Trigger.Request()).message
     finally:
         bench.close()
+
+
+def test_two_nodes_that_send_targets_at_once_have_the_arm_hold_and_are_named(world: World) -> None:
+    goal, other = world.flange(), world.flange()
+    goal[2, 3] += 0.005
+    other[2, 3] -= 0.005
+    client = world.bench.client
+    idle = client.create_publisher(PoseStamped, "target_frame", COMMAND)  # one that only could send
+
+    def raised() -> bool:
+        world.send(goal)
+        return abs(world.flange()[2, 3] - goal[2, 3]) < 1e-4
+
+    assert world.bench.until(raised)
+
+    def both() -> bool:
+        world.send(goal)
+        now = client.get_clock().now().nanoseconds * 1e-9
+        world.bench.turn()
+        idle.publish(pose_stamped(other, now, "base"))
+        return bool(world.node._latch.reason)
+
+    assert world.bench.until(both)
+    name = f"/{client.get_name()}"
+    assert world.node._latch.reason == f"more than one node sends target_frame ({name} and {name}): end all but one"
+    for _ in range(50):  # it comes to rest
+        both()
+    held = world.flange()
+    for _ in range(20):
+        both()
+    np.testing.assert_allclose(world.flange(), held, atol=1e-4)
+    world.bench.spin(0.6)  # the other one has ended
+    assert world.trigger("resend_robot_program").success
+    assert world.bench.until(raised)
+    assert not world.node._latch.reason

@@ -52,6 +52,7 @@ REMEDIES = (
     ("current_pose", "The arm's driver is silent: see that it runs and is connected. Then Enable."),
     ("does not follow", "See on the pendant why the arm stands or is slowed down. Then Enable."),
     ("protective", "Look at the arm, clear the cause, call driver/recover. Then Enable."),
+    ("more than one node", "Another program steers the arm as well: end it. Then Enable."),
     ("no target_frame", "The controller was silent for a moment: is this computer too busy? Press Enable."),
     ("target_frame", "The arm refused where it was sent: see the task's positions and the workspace. Then Enable."),
     ("the surface has ended or fallen away", "The surface ends before the path does: shorten the path. Then Enable."),

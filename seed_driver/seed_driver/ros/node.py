@@ -21,6 +21,7 @@ from seed_driver.process.supervisor import Supervisor
 from seed_driver.ros.outputs import DIAGNOSTICS_EVERY, Outputs, link_status
 from seed_driver.ros.requests import Requests
 from seed_ros import COMMAND, Counters, Diagnostics, FixedRateLoop, SeedNode, diagnostics, run
+from seed_ros.arm import TargetSenders
 from seed_ros.conversions import pose_to_tuples, seconds
 from seed_ros.parameters import Declared, checking
 
@@ -62,7 +63,8 @@ class DriverNode(SeedNode, LifecycleNode):
             priority=from_json({"loop_priority": self.get_parameter("loop_priority").value}).loop_priority,
             service_period=SERVICE_PERIOD,
         )
-        self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
+        self._senders = TargetSenders(self)
+        self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND, informed=True)
         self.requests = Requests(self, lambda: self.config.tool_voltage if self.config is not None else 0)
 
     # lifecycle
@@ -163,8 +165,9 @@ class DriverNode(SeedNode, LifecycleNode):
         level = diagnostics.WARN if self._idle in (UNCONFIGURED, INACTIVE) else diagnostics.ERROR
         return level, self._idle, self.counters.values()
 
-    def _on_target(self, message: PoseStamped) -> None:
+    def _on_target(self, message: PoseStamped, information: dict[str, Any]) -> None:
         received = time.monotonic()
+        several = self._senders.conflict(information)
         supervisor, config = self.supervisor, self.config
         if supervisor is None or config is None:
             return
@@ -172,6 +175,10 @@ class DriverNode(SeedNode, LifecycleNode):
         if not state.armed:
             remedy = "; call driver/resend_robot_program" if state.linked else ""
             self._refused(f"target_frame is not followed: {state.reason or 'no robot program'}{remedy}")
+            return
+        if several:
+            supervisor.send("hold", reason=several)
+            self._refused(f"target_frame is not followed: {several}")
             return
         target = self._target(message)
         why = refusal(target, state.command, config) or out_of_reach(target, self.arm, state.sample.q)

@@ -13,6 +13,7 @@ from seed_core.arm.target_checks import Target
 from seed_core.errors import SeedError
 from seed_driver.target_guard import GuardConfig, TargetGuard
 from seed_ros import COMMAND, LATCHED, QUEUE, FixedRateLoop, SeedNode, diagnostics
+from seed_ros.arm import TargetSenders
 from seed_ros.conversions import fill, pose_to_tuples, seconds, stamped
 
 
@@ -29,14 +30,17 @@ class GuardNode(SeedNode):
         self._out = self.create_publisher(PoseStamped, "guarded_frame", COMMAND)
         self._reason = self.create_publisher(String, "~/hold_reason", LATCHED)
         self.loop = FixedRateLoop(self, self.guard.config.rate, self._step, service_period=0.0, catch_up=False)
-        self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
+        self._senders = TargetSenders(self)
+        self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND, informed=True)
         self.loop.poll(PoseStamped, "current_pose", self._on_pose, QUEUE)
         self.serve(Trigger, "~/resend_robot_program", self._resume)
         self.serve(Trigger, "~/stop", self._stop)
         self._age: float | None = None  # [s] of the newest target
         self.diagnose("target_guard", self._report)
 
-    def _on_target(self, message: PoseStamped) -> None:
+    def _on_target(self, message: PoseStamped, information: dict[str, Any]) -> None:
+        if (several := self._senders.conflict(information)) and not self.guard.reason:
+            self.guard.hold(several)
         age = self.now() - seconds(message.header.stamp)
         self._age = age
         why = self.guard.target(Target(message.header.frame_id, age, *pose_to_tuples(message.pose)), self._time())

@@ -25,6 +25,7 @@ from seed_core.program.files import write_text
 from seed_core.spatial import Array
 from seed_core.vector3 import as_vector3
 from seed_ros import COMMAND, LATCHED, FixedRateLoop, FrameNames, MessageError, SeedNode, diagnostics
+from seed_ros.arm import TargetSenders
 from seed_ros.conversions import check_frame, pose_to_matrix, seconds
 from seed_sim.closed_loop.run import start_pose
 from seed_sim.hand_file import compare
@@ -104,7 +105,8 @@ class SimNode(SeedNode):
         self.loop = FixedRateLoop(self, settings.rate, self._tick, priority=settings.realtime_priority)
         self._hold_reason: Publisher | None = None
         if own_arm:
-            self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND)
+            self._senders = TargetSenders(self)
+            self.loop.poll(PoseStamped, "target_frame", self._on_target, COMMAND, informed=True)
             self._hold_reason = self.publisher(String, "~/hold_reason", LATCHED)
             self.serve(Trigger, "~/resend_robot_program", self._resume)
         elif settings.clock:
@@ -182,7 +184,9 @@ class SimNode(SeedNode):
                 self.counters.add("slow", f"real-time factor {self.time.factor:.3f} is below {SLOW}")
 
     # in
-    def _on_target(self, message: PoseStamped) -> None:
+    def _on_target(self, message: PoseStamped, information: dict[str, Any]) -> None:
+        if (several := self._senders.conflict(information)) and not self._latch.reason:
+            self._latch.hold(several)
         try:
             X_WE = self._checked(message)
         except SeedError as error:
