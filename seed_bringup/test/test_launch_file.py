@@ -429,6 +429,36 @@ def test_arguments_that_contradict_each_other_are_named(file: str, words: str, r
     assert [line[: len(unused)] for line in told] == ([unused] if unused else [])
 
 
+@pytest.mark.parametrize(
+    ("file", "words", "started", "config"),
+    [
+        ("cell", "cameras:=realsense", False, "camera_picoflexx"),
+        ("cell", "robot:=ur robot_ip:=127.0.0.2 cameras:=realsense", False, "camera_picoflexx"),
+        ("cell", "robot:=ur robot_ip:=192.0.2.1 cameras:=realsense", True, "camera_d405"),
+        ("cell", "robot:=none cameras:=realsense", True, "camera_d405"),
+        ("cell", "robot:=none", False, "camera_picoflexx"),
+        ("own_arm", "", False, "camera_d405"),
+        ("perception", "", False, "camera_picoflexx"),
+        ("perception", "cameras:=realsense", True, "camera_d405"),
+        ("perception", f"cameras:=realsense camera_file:={ROOT}/seed_bringup/config/hand.yaml", True, "hand"),
+    ],
+)
+def test_cameras_start_where_bubbles_are_real_and_with_a_file_that_is_of_them(
+    file: str, words: str, started: bool, config: str
+) -> None:
+    pytest.importorskip("ament_index_python", reason="the workspace is not built (./seed test does it)")
+    given = dict(word.split(":=") for word in words.split())
+    nodes = {n.name: n for n in describe(ROOT / f"seed_bringup/launch/{file}_launch.xml", given).nodes}
+    assert ("cameras" in nodes) == started
+    for name in {"cameras", "estimator"} & nodes.keys():
+        files = [p for p in nodes[name].parameters if isinstance(p, Path)]
+        assert files[-1].stem == config
+        given_files = next(p for p in nodes[name].parameters if isinstance(p, dict) and "parameter_files" in p)
+        assert given_files["parameter_files"][-1] == str(files[-1])
+    if started and config == "camera_d405":
+        assert any(key.endswith("/cameras") for key in yaml.safe_load(files[-1].read_text()))
+
+
 def test_a_scenario_of_ones_own_comes_with_what_estimator_and_controller_are_told(tmp_path: Path) -> None:
     mine = tmp_path / "roller.yaml"
     mine.write_text("name: roller\ntool: {name: roller, mass: 0.35}\n")

@@ -67,7 +67,7 @@ def _check(file: Path, name: str, must_speak: bool) -> Any:
         there = ", ".join(f"'{key}'" for key in keys) or "none"
         raise ConfigError(
             f"{file}: no section for {name}, so none of it would be used; its sections: {there}; "
-            f"write '/**/{own}:' for this node in any namespace, or '/**:' for every node"
+            f"give a copy of it with '/**/{own}:' for this node in any namespace, or '/**:' for every node"
         )
     return content
 

@@ -28,10 +28,11 @@ def contradictions(given: Mapping[str, str], values: Mapping[str, str]) -> list[
     if method == "truth" and not simulated:
         raise LaunchError(f"method:=truth with {arm}: only a simulation knows the true poses")
     unused = []
-    if values.get("cameras") and method in ("truth", "elsewhere"):
-        unused.append(f"cameras:={values['cameras']} with method:={method}: no camera is started for it")
-    elif values.get("cameras") and simulated and robot:
-        unused.append(f"cameras:={values['cameras']} with {arm}: its bubbles are simulated, too")
+    cameras = given.get("cameras")
+    if cameras and method in ("truth", "elsewhere"):
+        unused.append(f"cameras:={cameras} with method:={method}: no camera is started for it")
+    elif cameras and simulated and robot:
+        unused.append(f"cameras:={cameras} with {arm}: its bubbles are simulated, too")
     if given.get("clocks") and robot == "sim":
         unused.append(f"clocks:={given['clocks']} with {arm}: a simulated cell has one clock")
     if not simulated:
