@@ -60,6 +60,7 @@ WRONG = [
     "launch {junk}",
     "launch cell scenario=pen",
     "launch cell scenario:=penn",
+    "launch cell robot:=ur",
     "hand penn",
     "call controller/enable maybe",
     "call --namespace 1x",

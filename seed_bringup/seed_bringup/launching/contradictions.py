@@ -21,6 +21,11 @@ def contradictions(given: Mapping[str, str], values: Mapping[str, str]) -> list[
     robot, method = values.get("robot", ""), values.get("method", "")
     simulated = values.get("simulated", "True") == "True"
     arm = f"robot:={robot} robot_ip:={values['robot_ip']}" if robot == "ur" else f"robot:={robot}"
+    if robot == "ur" and not values["robot_ip"]:
+        raise LaunchError(
+            "robot:=ur needs robot_ip:=ADDRESS of the UR controller, e.g. robot_ip:=192.168.56.101; "
+            "robot_ip:=127.0.0.2 is the stand-in"
+        )
     if "base" in given and not given["base"]:
         raise LaunchError("base:= has no name: give that of the arm's base frame, or leave it out")
     if values.get("fingers", "both") != "both" and method == "published":
