@@ -61,6 +61,7 @@ WRONG = [
     "launch cell scenario=pen",
     "launch cell scenario:=penn",
     "launch cell robot:=ur",
+    "launch camera_host address:=203.0.113.251 peers:=203.0.113.252",
     "hand penn",
     "call controller/enable maybe",
     "call --namespace 1x",

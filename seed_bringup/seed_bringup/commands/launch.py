@@ -15,6 +15,7 @@ from typing import NoReturn
 import yaml
 
 from seed_bringup.commands.cells import check_namespace
+from seed_bringup.launching.addresses import check_own
 from seed_bringup.launching.contradictions import contradictions
 from seed_bringup.launching.description import TERM_AFTER, declared_arguments, describe
 from seed_bringup.launching.domains import SHARED, VARIABLE, claimed, running
@@ -104,6 +105,8 @@ def _check_values(arguments: Mapping[str, str]) -> None:
     """What every node would find wrong, in the words of its libraries. Raises SeedError."""
     if "namespace" in arguments:
         check_namespace(arguments["namespace"])
+    if address := arguments.get("address"):
+        check_own(address)
     for name, value in arguments.items():
         if name.endswith("_file") and Path(value).is_file():
             try:
