@@ -248,13 +248,15 @@ class Session:
         return "force/torque sensor zeroed"
 
     def set_freedrive(self, on: bool) -> str:
-        """Let the arm be pushed by hand, or hold it again."""
+        """Let the arm be pushed by hand, or hold it again; one that is not in freedrive is left as it is."""
         robot = self._need_program()
+        if not on and not self.freedrive:
+            return f"was not in freedrive: the arm {f'holds ({self.reason})' if self.reason else 'follows targets'}"
         if on and not self.freedrive:
             self._need_rest()
             require(robot.control.servoStop() and robot.control.freedriveMode(), "go into freedrive")
             self.motion.hold("freedrive")
-        elif not on and self.freedrive:
+        elif not on:
             require(robot.control.endFreedriveMode(), "leave freedrive")
             self._begin(robot)
             self.motion.hold("freedrive ended")

@@ -312,6 +312,15 @@ def test_freedrive(peer, robot) -> None:
     assert robot.ask("state")["freedrive"] is False
 
 
+def test_the_end_of_a_freedrive_that_was_not_on_is_told_as_it_is(peer) -> None:
+    answer = peer.call("set_freedrive", SetBool, data=False)
+    assert (answer.success, answer.message) == (True, "was not in freedrive: the arm follows targets")
+    assert peer.latest["hold_reason"].data == ""
+    assert peer.call("stop").success
+    answer = peer.call("set_freedrive", SetBool, data=False)
+    assert (answer.success, answer.message) == (True, "was not in freedrive: the arm holds (stopped on request)")
+
+
 def test_parameters_change_what_the_robot_does_or_are_refused(peer, robot) -> None:
     assert peer.set_parameter("payload_mass", 0.7) == (True, "")
     peer.spin(0.3)
