@@ -187,6 +187,7 @@ def _alike(a: Any, b: Any) -> bool:
 def no_such_parameter(node: Node, name: str) -> str:
     """That a node has none of this name, and which ones may be meant."""
     known = node.get_parameters_by_prefix("")
-    near = difflib.get_close_matches(name, known, n=3) or sorted(known)
-    hint = f"it is called {RENAMED[name]} now" if name in RENAMED else f"did you mean {', '.join(near)}?"
+    near = ", ".join(difflib.get_close_matches(name, known, n=3))
+    hint = f"did you mean {near}?" if near else "docs/interfaces.md lists those that there are"
+    hint = f"it is called {RENAMED[name]} now" if name in RENAMED else hint
     return f"{node.get_name()} has no parameter '{name:.60}'; {hint}"
