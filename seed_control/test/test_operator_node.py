@@ -291,6 +291,23 @@ def test_nothing_is_enabled_before_an_estimator_that_listens_could_answer(make: 
     assert cell.bench.until(lambda: enable(cell).success, 15.0)  # one that never answers is none of ours
 
 
+def test_ready_does_not_wait_for_its_next_look_when_the_arm_holds(
+    make: Callable[..., Cell], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell = make()
+    told: list[DiagnosticStatus] = []
+    cell.bench.client.create_subscription(DiagnosticStatus, "controller/ready", told.append, LATCHED)
+    arm = cell.bench.client.create_publisher(String, "arm_hold_reason", LATCHED)
+    cell.enabled()
+    assert cell.bench.until(lambda: told and told[-1].message.startswith("ready"))
+    monkeypatch.setattr(readiness, "EVERY", 3600.0)
+    arm.publish(String(data="stopped on request"))
+    assert cell.bench.until(lambda: "not ready: the arm holds: stopped on request" in told[-1].message, 5.0)
+    assert told[-1].level == DiagnosticStatus.WARN
+    arm.publish(String(data=""))
+    assert cell.bench.until(lambda: "not ready: holds: the arm holds" in told[-1].message, 5.0)
+
+
 def test_ready_names_what_is_missing_until_nothing_is(make: Callable[..., Cell]) -> None:
     cell = make()
     told: list[DiagnosticStatus] = []

@@ -248,6 +248,7 @@ class ControllerNode(SeedNode):
         self._arm_holds = arm_holds(self, message.data)
         if message.data:
             self.core.hold(self.now(), self._arm_holds)
+        self._readiness.look(self.now(), at_once=True)
 
     def _why_not(self) -> str:
         """Why no task may begin, beyond what the controller says; '' for nothing."""

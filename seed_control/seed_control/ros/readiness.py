@@ -38,9 +38,9 @@ class Readiness:
         self._log, self._began = node.get_logger(), monotonic()
         self._up = self._late = False
 
-    def look(self, now: float) -> None:
-        """Tell what has changed, if it is time; now [s]."""
-        if 0.0 <= now - self._looked < EVERY:
+    def look(self, now: float, at_once: bool = False) -> None:
+        """Tell what has changed, if it is time or to be told at once; now [s]."""
+        if not at_once and 0.0 <= now - self._looked < EVERY:
             return
         self._looked = now
         parts = self.missing(now)
