@@ -7,7 +7,8 @@ import os
 from dataclasses import dataclass
 from typing import Any
 
-from seed_core.config import ConfigError, checked, field, from_mapping
+from seed_core.arm.limits import MotionLimits
+from seed_core.config import ConfigError, checked, field, from_mapping, inherited
 from seed_core.vector3 import Vector3
 from seed_driver.clearance_settings import ClearanceSettings, Vector6
 from seed_ur.models import MODELS
@@ -56,6 +57,7 @@ class DriverConfig(ClearanceSettings):
     watchdog_frequency: float = field(10.0, unit="Hz", low=1, high=100, doc="below it the robot stops by itself")
 
     # changed at any time
+    max_speed: float = inherited(MotionLimits, "max_speed", 0.25, high=1.0)  # typical of a UR, by its data sheets
     servo_gain: float = field(2000.0, low=100, high=2000, doc="gain of servoj; less is softer and lags more")
     servo_lookahead: float = field(0.03, unit="s", low=0.03, high=0.2, doc="lookahead time of servoj")
     max_joint_speed: float = field(1.0, unit="rad/s", low=0.01, high=6.3, doc="of any joint, below the arm's own limit")

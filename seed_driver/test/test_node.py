@@ -328,6 +328,9 @@ def test_parameters_change_what_the_robot_does_or_are_refused(peer, robot) -> No
     refused = peer.set_parameter("servo_gain", 5000.0)
     assert refused[0] is False
     assert "servo_gain = 5000 must be within 100 and 2000" in refused[1]
+    refused = peer.set_parameter("max_speed", 3.0)
+    assert refused[0] is False
+    assert "max_speed = 3 m/s must be within 0.001 and 1 m/s" in refused[1]
     refused = peer.set_parameter("max_jerk", 5.0)
     assert refused[0] is False
     assert "max_jerk = 5 m/s^3 with max_acceleration = 1 m/s^2" in refused[1]

@@ -43,7 +43,7 @@ class Node:
     ("parameters", "message"),
     [
         ([], "robot_ip is empty"),
-        (["robot_ip:=127.0.0.9", "max_speed:=9.0"], "max_speed = 9 m/s must be within 0.001 and 3 m/s"),
+        (["robot_ip:=127.0.0.9", "max_speed:=9.0"], "max_speed = 9 m/s must be within 0.001 and 1 m/s"),
         (["robot_ip:=127.0.0.9", "max_speed:=fast"], "max_speed = 'fast' must be a number"),
         (
             ["robot_ip:=127.0.0.9", "calibration_file:=/nowhere.yaml"],
