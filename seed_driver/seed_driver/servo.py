@@ -164,6 +164,8 @@ class ServoProcess:
                 return s.target_refused(str(message["reason"]))
             case "hold":
                 return s.hold(str(message["reason"]))
+            case "wait":
+                return s.wait_for(str(message["reason"]))
             case "zero_ft":
                 return s.zero_ft()
             case "freedrive":

@@ -44,6 +44,7 @@ class Session:
         self.clock = 0.0  # [s] of the robot, in the newest state
         self._unable = False  # the robot, in that state
         self.path = PathClock()
+        self._waiting = WAITING  # or for what has to come before
 
     @property
     def reason(self) -> str:
@@ -94,7 +95,7 @@ class Session:
             self.want_start = False
         if not self.running:
             if why or was_unable:
-                self.motion.hold(why or WAITING)
+                self.motion.hold(why or self._waiting)
             return
         if not why and s.modes.runtime_state != link.PLAYING:
             tool = self.robot.tool_changed() if self.robot is not None else ""  # our program ends at another TCP
@@ -170,7 +171,7 @@ class Session:
         elif self.tool_differs:
             robot.tool = None
             robot.apply_tool(self.config)
-        self.want_start = False
+        self.want_start, self._waiting = False, WAITING
         self.motion.accept_targets()
         return "robot program running, waiting for target_frame"
 
@@ -238,6 +239,13 @@ class Session:
         """The node has found what no motion may begin with; what holds already keeps its reason."""
         if not self.reason:
             self.motion.hold(reason)
+        return ""
+
+    def wait_for(self, reason: str) -> str:
+        """The node has found what is in the way of our program ('' for nothing): told while that is waited for."""
+        before, self._waiting = self._waiting, reason or WAITING
+        if self.reason == before:
+            self.motion.hold(self._waiting)
         return ""
 
     def zero_ft(self) -> str:

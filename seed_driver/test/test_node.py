@@ -367,6 +367,27 @@ def test_safety_requests_without_a_stop_are_refused_and_the_arm_follows_on(peer,
     assert robot.ask("state")["robot_mode"] == 7  # it has its power
 
 
+@pytest.mark.parametrize("request_", ["recover", "unlock_protective_stop"])
+def test_local_control_after_a_stop_is_named_before_the_program_is_asked_for(peer, robot, request_: str) -> None:
+    robot.ask("protective_stop")
+    peer.wait(lambda: peer.latest["hold_reason"].data == "protective stop", 1.0, "report")
+    robot.ask("option", name="remote_control", value=False)
+    try:
+        peer.spin(0.4)
+        answer = peer.call(request_)
+        assert answer.success
+        assert request_ != "recover" or "in local control: switch it to remote control" in answer.message
+        words = "in local control: switch it to remote control on the pendant, then call resend_robot_program"
+        peer.wait(lambda: words in peer.latest["hold_reason"].data, 3.0, "local control named")
+    finally:
+        robot.ask("option", name="remote_control", value=True)
+    assert peer.call("resend_robot_program").success
+    robot.ask("protective_stop")
+    peer.spin(0.4)
+    assert peer.call("recover").success
+    peer.wait(lambda: peer.latest["hold_reason"].data == WAITING, 3.0, "no more than the program")
+
+
 def test_recover_waits_for_a_protective_stop_to_be_unlocked_and_leaves_an_emergency_stop_to_people(peer, robot) -> None:
     robot.ask("protective_stop")
     assert peer.call("recover").message == "protective stop ended; call resend_robot_program"

@@ -61,7 +61,17 @@ def recover(host: str, pause: Pause = time.sleep) -> str:
         return dashboard(host, *commands)
 
     steps = [*_make_safe(ask, pause), *_switch_on(ask, pause)]
-    return f"{', '.join(steps) or 'nothing was to be done'}; call resend_robot_program"
+    return f"{', '.join(steps) or 'nothing was to be done'}; {local_control(host) or 'call resend_robot_program'}"
+
+
+def local_control(host: str) -> str:
+    """That the robot takes no program in local control, and what to do; '' unless its dashboard says that it is."""
+    try:
+        local = "false" in dashboard(host, "is in remote control").lower()
+    except NoDashboardError:
+        return ""
+    words = "the robot is in local control: switch it to remote control on the pendant, then call resend_robot_program"
+    return words if local else ""
 
 
 def power_on(host: str, pause: Pause = time.sleep) -> str:

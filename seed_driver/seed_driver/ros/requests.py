@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 from seed_core.errors import SeedError
 from seed_driver.process.supervisor import Supervisor
 from seed_driver.robot.link import LinkError
-from seed_driver.robot.recovery import power_on, recover, restart_safety, unlock
+from seed_driver.robot.recovery import local_control, power_on, recover, restart_safety, unlock
 from seed_driver.robot.tool_io import set_tool_output, set_tool_voltage
 from seed_ros import SeedNode
 
@@ -110,7 +110,7 @@ class Requests:
         return state.sample.modes.safety_mode if state.linked else 0
 
     async def _unlock(self) -> str:
-        return await self._in_thread(partial(unlock, safety_mode=self._safety_mode(), pause=self._pause()))
+        return await self._lead_to_rest(partial(unlock, safety_mode=self._safety_mode(), pause=self._pause()))
 
     async def _restart_safety(self) -> str:
         return await self._in_thread(partial(restart_safety, safety_mode=self._safety_mode()))
@@ -126,10 +126,17 @@ class Requests:
         return pause
 
     async def _power_on(self) -> str:
-        return await self._in_thread(partial(power_on, pause=self._pause()))
+        return await self._lead_to_rest(partial(power_on, pause=self._pause()))
 
     async def _recover(self) -> str:
-        return await self._in_thread(partial(recover, pause=self._pause()))
+        return await self._lead_to_rest(partial(recover, pause=self._pause()))
+
+    async def _lead_to_rest(self, call: Callable[..., str]) -> str:
+        """What leads out of a stop, to an arm that waits for its program; hold_reason then says if it takes none."""
+        said = await self._in_thread(call)
+        local = await self._in_thread(local_control)
+        self._require_active()[0].send("wait", reason=local)
+        return said
 
     def _require_active(self) -> tuple[Supervisor, str]:
         if self._active is None:
