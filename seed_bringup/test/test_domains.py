@@ -12,7 +12,10 @@ from pathlib import Path
 import pytest
 
 from seed_bringup.commands.cells import cell_arguments, in_root, join
+from seed_bringup.commands.launch import joins
 from seed_bringup.launching import domains
+from seed_bringup.launching.description import describe
+from seed_bringup.launching.packages import find_launch_file
 from seed_core.errors import SeedError
 
 
@@ -150,7 +153,28 @@ def test_cells_that_hear_each_other_are_warned_of(
         command = [sys.executable, "-m", "seed_bringup.commands.dispatch", *words]
         said = subprocess.run(command, capture_output=True, text=True, timeout=60.0).stdout
     assert "in ROS domain 7" in said
-    assert ("both hear each other" in said) is warned
+    assert ("they hear each other. If that is not meant" in said) is warned
+
+
+@pytest.mark.parametrize(
+    ("words", "other", "joined"),
+    [
+        ("seed_sysid identify_launch.xml robot:=real", "launch cell robot:=ur robot_ip:=192.0.2.1", True),
+        ("perception", "launch seed_driver driver_launch.xml robot_ip:=192.0.2.1", True),
+        ("seed_driver driver_launch.xml robot_ip:=192.0.2.1", "launch perception", True),
+        ("perception", "launch cell", False),  # which has an estimator
+        ("perception", "launch cell method:=elsewhere", True),
+        ("seed_sysid identify_launch.xml", "launch cell", False),  # two arms
+        ("cell", "launch cell", False),
+        ("cell", "demo", False),
+        ("cell", "launch gone.xml", False),
+    ],
+)
+def test_a_launch_that_completes_another_is_not_warned_of(words: str, other: str, joined: bool) -> None:
+    pytest.importorskip("ament_index_python", reason="the workspace is not built (./seed test does it)")
+    given = dict(w.split(":=") for w in words.split() if ":=" in w)
+    file = find_launch_file([w for w in words.split() if ":=" not in w])
+    assert joins(describe(file, given), other) is joined
 
 
 def test_a_cell_that_is_killed_leaves_its_domain(tmp_path: Path) -> None:

@@ -17,12 +17,15 @@ import yaml
 from seed_bringup.commands.cells import check_namespace
 from seed_bringup.launching.addresses import check_own
 from seed_bringup.launching.contradictions import contradictions
-from seed_bringup.launching.description import TERM_AFTER, declared_arguments, describe
+from seed_bringup.launching.description import TERM_AFTER, Description, declared_arguments, describe
 from seed_bringup.launching.domains import SHARED, VARIABLE, claimed, running
 from seed_bringup.launching.launch_xml import LaunchError
 from seed_bringup.launching.launcher import KILL_AFTER, Launch
 from seed_bringup.launching.packages import find_launch_file
+from seed_core.errors import SeedError
 from seed_core.program.command_line import Parser, command
+
+ARMS = {"driver", "guard", "sim", "identification_cell"}  # nodes that follow target_frame
 
 
 @command("seed launch")
@@ -48,13 +51,14 @@ def main(argv: list[str]) -> int:
     what = " ".join(["launch", *options.words])
     with checked_arguments(file, arguments) as arguments, claimed(SHARED, what) as domain:
         # Says here and now what is wrong; `ros2 launch` takes unknown arguments in silence.
-        for unused in contradictions(arguments, describe(file, arguments).variables):
+        described = describe(file, arguments)
+        for unused in contradictions(arguments, described.variables):
             print(f"[launch] warning: {unused}: it has no effect", flush=True)
         for other in others.get(domain, ()):
-            if namespace_of(other.split()) == namespace_of(options.words):
+            if namespace_of(other.split()) == namespace_of(options.words) and not joins(described, other):
                 print(
-                    f"[launch] warning: '{other}' runs in ROS domain {domain}, too, and both hear each other: "
-                    f"leave {VARIABLE} unset for a domain of its own, or give one of them a namespace",
+                    f"[launch] warning: '{other}' runs in ROS domain {domain}, too: they hear each other. If that is "
+                    f"not meant, leave {VARIABLE} unset for a domain of its own, or give one of them a namespace",
                     flush=True,
                 )
         print(f"[launch] in ROS domain {domain}; other terminals: export {VARIABLE}={domain}", flush=True)
@@ -67,6 +71,24 @@ def namespace_of(words: Iterable[str]) -> str:
     """Of a cell, from the words that it is launched with."""
     given = dict(w.split(":=", 1) for w in words if ":=" in w)
     return given.get("namespace", "").strip("/")
+
+
+def joins(launched: Description, other: str) -> bool:
+    """Whether what is launched completes what runs, as an identification at an arm: no node twice, and one arm at most.
+
+    Args:
+        other: what runs, in words.
+    """
+    program, *words = other.split()
+    if program != "launch":
+        return False
+    given = dict(w.split(":=", 1) for w in words if ":=" in w)
+    try:
+        there = describe(find_launch_file([w for w in words if ":=" not in w and not w.startswith("-")]), given)
+    except SeedError:  # a file that was named from another folder
+        return False
+    mine, others = ({n.name for n in d.nodes} for d in (launched, there))
+    return bool(mine) and not mine & others and not (mine & ARMS and others & ARMS)
 
 
 @contextmanager
