@@ -437,7 +437,7 @@ def test_a_stiffness_that_nobody_knows_costs_its_share_of_the_spring_force_and_i
     assert row["believed_z"]["error"] == pytest.approx(row["force_z"]["rmse"], abs=0.05)
     text = perturb.table([row])
     assert "stiffness of the force axis x0.8" in text
-    assert "finished; before contact: hanging free, the grasp's wrench differs" in text
+    assert "finished; before contact: while the tool hangs free or is still carried, the grasp's wrench differs" in text
 
 
 def test_identified_in_draws_the_hysteretic_spring_presses_truer_than_the_linear_one():

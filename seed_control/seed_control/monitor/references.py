@@ -56,7 +56,7 @@ class References:
     def new_grasp(self) -> None:
         """What was found of the last grasp says nothing of the next."""
         self._wrench_estimator.new_grasp()
-        self.weight.reset()
+        self.weight.new_grasp()
         self.arm.reset()
         self.correction.reset()
         self.contradictions = ()

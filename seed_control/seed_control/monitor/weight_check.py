@@ -26,6 +26,7 @@ WAIT = 0.4  # [s] before a sample counts: a touch is contact by then
 CLEAR = 5e-3  # [m] that the tip comes away from where it touched before it counts as free again
 TRAVEL = 4e-3  # [m] of the tip along a difference after which it is no touch
 STAYS = 0.25  # of a difference, by which it may change during the wait, beyond one deviation
+MOVED = 5e-3  # [m] of the grasp's centre since it was taken, before which the tool may still stand in its holder
 GOES = 0.5  # of a difference, by which it shrinks where a support has let go, beyond one deviation
 _SETTLED = 2.0  # [N] per second by which a hanging tool's spring may change
 _FLOOR = np.array((0.01, 0.01, 0.01, 0.05, 0.05, 0.05)) ** 2  # of a tool that swings a little
@@ -65,10 +66,16 @@ class WeightCheck:
         self._waiting: deque[FreeSpaceSample] = deque()
         self._touched: tuple[Array, Array] | None = None  # tip and direction of the last touch
         self.passed: list[FreeSpaceSample] = []
+        self.new_grasp()
+
+    def new_grasp(self) -> None:
+        """Nothing is known of it, nor has it been moved."""
+        self._taken_at: Array | None = None  # (3,) [m] of its centre in W, when it is first seen
+        self._moved = False
         self.reset()
 
     def reset(self) -> None:
-        """A new grasp."""
+        """What was found is told no longer."""
         self._waiting.clear()
         self._test.reset()
         self._low, self._high = np.full(3, inf), np.full(3, -inf)  # of the tip in free space
@@ -97,6 +104,10 @@ class WeightCheck:
         if self._tool.mass == 0.0:
             return
         told = spring.vector()
+        place = m.X_WC[:3, 3]
+        if self._taken_at is None:
+            self._taken_at = place.copy()
+        self._moved |= length(place - self._taken_at) > MOVED
         if self._before is not None and m.stamp < self._before[0]:  # the clock was set back
             self._waiting.clear()
             self._test.reset()
@@ -117,10 +128,11 @@ class WeightCheck:
             self._take(self._waiting.popleft(), told - load)
         if not self._test.significant:
             self.reason = ""
-        elif self._test.to_be_told(m.stamp):
+        elif self._moved and self._test.to_be_told(m.stamp):
             self.reason = (
-                f"hanging free, the grasp's wrench differs from the tool's weight of {self._tool.mass * GRAVITY:.2f} N "
-                f"{self._test.told()}: is tool.mass right, the stiffness, and was the grasp taken free of load?"
+                "while the tool hangs free or is still carried, the grasp's wrench differs from the tool's weight of "
+                f"{self._tool.mass * GRAVITY:.2f} N {self._test.told()}: is tool.mass right, the stiffness, "
+                "and was the grasp taken free of load?"
             )
 
     def _take(self, s: FreeSpaceSample, now: Array) -> None:
