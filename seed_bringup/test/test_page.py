@@ -20,6 +20,7 @@ import seed_control
 import seed_core
 import seed_driver
 import seed_estimation
+import seed_ros
 import seed_sim
 import seed_ur
 from seed_bringup.page import style, words
@@ -59,7 +60,7 @@ def test_a_stale_input_is_told_with_where_to_look_for_it() -> None:
 
 @pytest.mark.parametrize("part", [part for part, _ in words.REMEDIES])
 def test_every_remedy_is_of_words_that_a_reason_has(part: str) -> None:
-    for package in (seed_core, seed_ur, seed_estimation, seed_control, seed_driver, seed_sim):
+    for package in (seed_core, seed_ur, seed_estimation, seed_control, seed_driver, seed_ros, seed_sim):
         if any(part in f.read_text(encoding="utf-8") for f in Path(package.__file__).parent.glob("**/*.py")):
             return
     pytest.fail(f"no package gives a reason with '{part}'")

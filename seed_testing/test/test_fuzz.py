@@ -67,11 +67,11 @@ def test_a_fault_is_found_and_shrunk_to_the_inputs_that_it_takes(monkeypatch: py
     seen: list[bool] = []
     before = GuardNode._on_target
 
-    def fails(node: Any, target: PoseStamped) -> None:
+    def fails(node: Any, target: PoseStamped, information: Any) -> None:
         seen.append(target.header.frame_id != "base")
         if sum(seen) == 2:
             raise RuntimeError("twice elsewhere")
-        before(node, target)
+        before(node, target, information)
 
     monkeypatch.setattr(GuardNode, "_on_target", fails)
 
