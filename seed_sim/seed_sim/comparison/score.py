@@ -67,11 +67,14 @@ def _of_press(t: Array, pressed: Array, force: float) -> dict[str, float | None]
     late = np.flatnonzero(away)
     at_rest = not len(late) or late[-1] + 1 < len(t)
     reached = np.flatnonzero(pressed >= IMPACT[0] * force)
-    at_impact = pressed[t <= t[reached[0]] + IMPACT[1]] if len(reached) else pressed
+    peak = overshoot = None  # of a press that does not reach its force
+    if len(reached):
+        peak = float(max(pressed[t <= t[reached[0]] + IMPACT[1]].max() - force, 0.0))
+        overshoot = float(max(100.0 * (pressed.max() / force - 1.0), 0.0))
     return {
         "press_rms": rms(pressed - force),
-        "peak": float(max(at_impact.max() - force, 0.0)),
-        "overshoot": float(max(100.0 * (pressed.max() / force - 1.0), 0.0)),
+        "peak": peak,
+        "overshoot": overshoot,
         "rest": float(t[late[-1] + 1] - t[0] if len(late) else 0.0) if at_rest else None,
     }
 
