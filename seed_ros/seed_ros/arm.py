@@ -9,9 +9,11 @@ from typing import Any
 from rclpy.node import Node
 
 from seed_core.arm.senders import Senders
+from seed_ros.qos import full_name
 
 RESUME = "resend_robot_program"  # service of what moves the arm
-SILENCE = "no target_frame"  # begins the reason of an arm that heard no target
+TARGETS = "target_frame"
+SILENCE = f"no {TARGETS}"  # begins the reason of an arm that heard no target
 
 
 def arm_holds(node: Node, reason: str) -> str:
@@ -33,8 +35,8 @@ class TargetSenders:
     A node that only could send, as one that waits for a goal, is no matter.
     """
 
-    def __init__(self, node: Node, topic: str = "target_frame") -> None:
-        self._node, self._topic, self._senders = node, topic, Senders()
+    def __init__(self, node: Node) -> None:
+        self._node, self._senders = node, Senders()
         self._names, self._named_at = "", -inf
 
     def conflict(self, information: Mapping[str, Any]) -> str:
@@ -44,6 +46,6 @@ class TargetSenders:
             return ""
         if now - self._named_at > 1.0:  # [s] the graph is asked no more often
             self._named_at = now
-            found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(self._topic))
-            self._names = " and ".join(sorted(f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in found))
-        return f"more than one node sends {self._topic} ({self._names}): end all but one"
+            found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(TARGETS))
+            self._names = " and ".join(sorted(full_name(p) for p in found))
+        return f"more than one node sends {TARGETS} ({self._names}): end all but one"

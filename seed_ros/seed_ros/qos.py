@@ -3,6 +3,7 @@
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from seed_ros.diagnostics import Counters
 
@@ -18,6 +19,11 @@ QUEUE = QoSProfile(depth=20)
 TF = QoSProfile(depth=100)
 # Simulated time.
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def full_name(endpoint: TopicEndpointInfo) -> str:
+    """Of the node that publishes or subscribes, as the graph tells of it: with its namespace."""
+    return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
 
 
 class QosMismatch:
@@ -42,9 +48,9 @@ class QosMismatch:
                 compatible, why = qos_check_compatible(publisher.qos_profile, wanted)
                 if compatible == QoSCompatibility.ERROR:
                     self._told.add(gid)
-                    path = f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
                     words = "; ".join(filter(None, why.replace("ERROR: ", "").split(";")))
                     self._counters.add(
                         "qos_incompatible",
-                        f"{topic}: nothing that {path} publishes comes here, by its quality of service: {words}",
+                        f"{topic}: nothing that {full_name(publisher)} publishes comes here, "
+                        f"by its quality of service: {words}",
                     )

@@ -60,7 +60,9 @@ class GraspSection:
     grip_force: float = field(
         5.0, unit="N", low=0.1, high=200.0, doc="push of each finger at the nominal width, bushing"
     )
-    grip_rise: float = field(800.0, unit="N/m", low=1.0, high=1e5, doc="its rise per closed metre, bushing")
+    grip_rise: float = field(
+        800.0, unit="N/m", low=1.0, high=1e5, doc="its rise per closed metre, where the grasp is a bushing"
+    )
     pressure_slope: float = field(1500.0, unit="hPa/m", low=0.0, high=1e5, doc="rise per closed metre, bushing")
 
 

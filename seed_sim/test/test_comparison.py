@@ -16,7 +16,7 @@ from seed_sim.comparison.campaign import campaign
 from seed_sim.comparison.cases import CASES, case_named
 from seed_sim.comparison.command import main
 from seed_sim.comparison.methods import METHODS, Method, method_named
-from seed_sim.comparison.page import _cell
+from seed_sim.comparison.page import cell_of
 from seed_sim.comparison.run import Run, scored
 from seed_sim.comparison.score import SCORES, scores_of
 from seed_sim.comparison.table import lines_of, text
@@ -158,7 +158,7 @@ def test_a_method_of_which_few_runs_fail_keeps_its_median_and_loses_its_spread()
     (line,) = (line for line in lines_of(rows) if line[:2] == ("nominal", "lean"))
     assert line.medians["seed"] == 2.0
     assert line.ninety["seed"] is None
-    assert "2 <small>-</small>" in _cell(line, "seed")
+    assert "2 <small>-</small>" in cell_of(line, "seed")
     assert "inf" not in text(rows)
 
 

@@ -20,6 +20,7 @@ from seed_bringup.bags import BagError, qos
 from seed_bringup.bags.files import messages_of, open_bag
 from seed_bringup.bags.names import check_topic
 from seed_bringup.bags.types import InstalledTypes, message_class
+from seed_ros.qos import full_name
 
 CLOCK_PERIOD = 0.01  # [s] of wall time between two /clock messages
 LEAST_ROUND = 1.0  # [s] of wall time from one beginning of a loop to the next: a bag may be as short as a message
@@ -112,9 +113,8 @@ class Player(Node):
 
     def _others_on(self, topic: str) -> list[str]:
         """Full names of the other nodes that publish a topic."""
-        found = {(i.node_namespace, i.node_name) for i in self.get_publishers_info_by_topic(topic)}
-        found.discard((self.get_namespace(), self.get_name()))
-        return sorted(f"{namespace.rstrip('/')}/{name}" for namespace, name in found)
+        found = {full_name(publisher) for publisher in self.get_publishers_info_by_topic(topic)}
+        return sorted(found - {self.get_fully_qualified_name()})
 
     def play_once(self) -> None:
         """From the first message to the last."""

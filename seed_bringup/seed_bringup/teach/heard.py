@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from seed_control.teach import Demonstration, Recorder, TeachError
+from seed_control.teach.demonstration import SAME
 from seed_core.arm.quaternion import to_pose
 from seed_core.spatial import Array
 
 STATE, WRENCH = "controller/state", "wrench_estimate"
-SAME = 1e-4  # [s] within which stamps are of one image
 REMEMBERED = 100  # messages for whose image the other one may still come
 SHOWN = 0.1  # [s] of motion, from which a stretch shows something
 

@@ -12,6 +12,7 @@ these.
 from unique_identifier_msgs.msg import UUID
 
 from seed_ros import COMMAND, SeedNode
+from seed_ros.qos import full_name
 
 LOOK = 0.1  # [s] between two looks at who listens
 FIRST = 1.0  # [s] for the first word of an operator that must be heard
@@ -69,6 +70,6 @@ class Operator:
     def _somebody_listens(self) -> bool:
         """Whether anybody does but those who say that they are there where the task is theirs, as an operator page."""
         node, operator = self._node, self._node.resolve_topic_name("~/operator")
-        speak = {(e.node_namespace, e.node_name) for e in node.get_publishers_info_by_topic(operator)}
+        speak = {full_name(e) for e in node.get_publishers_info_by_topic(operator)}
         listen = node.get_subscriptions_info_by_topic(self._feedback)
-        return any((e.node_namespace, e.node_name) not in speak for e in listen)
+        return any(full_name(e) not in speak for e in listen)

@@ -18,6 +18,7 @@ from seed_core.spatial import Array
 STEP = 0.02  # [s] of the even samples
 SMOOTH = 0.2  # [s] over which forces are averaged: a hand trembles at 8 to 12 Hz, and images have noise
 TURNING = 0.5  # [s] likewise for rotations, in which a soft grasp swings
+SLOW, TOUCH = 0.003, 1.0  # [m/s], [N] up to which the tip stands still, in the air
 SAME = 1e-4  # [s] within which stamps are of one image
 FEWEST = 10  # measurements
 NO_ROTATION = 0.01  # by which columns of a rotation are not orthonormal
@@ -129,7 +130,7 @@ class Demonstration:
         """Of the tip, in W."""
         return Rotation.from_matrix(self.X_W_tip[:, :3, :3])
 
-    def moving(self, slow: float = 0.003, touch: float = 1.0) -> Demonstration:
+    def moving(self, slow: float = SLOW, touch: float = TOUCH) -> Demonstration:
         """Without what stood still, in the air, before and after.
 
         Args:
@@ -144,7 +145,7 @@ class Demonstration:
     @property
     def moves(self) -> bool:
         """Whether anything moved or touched, as `moving` has it by itself."""
-        return bool(len(self._doing(0.003, 1.0)[1]))
+        return bool(len(self._doing(SLOW, TOUCH)[1]))
 
     def _doing(self, slow: float, touch: float) -> tuple[int, NDArray[np.int_]]:
         """Samples of half a second, and those in which the tip moves or touches."""

@@ -137,7 +137,9 @@ class CommandLimiter:
     def _inside(self, v: Vector3) -> Vector3:
         """A velocity from which it comes to rest before each side of the workspace that it goes towards."""
         p, low, high, a = self.inner_p, self._low, self._high, SIDE_SHARE * self.limits.max_acceleration
-        x, y, z = (max(min(v[i], _before(high[i] - p[i], a)), -_before(p[i] - low[i], a)) for i in range(3))
+        x, y, z = (
+            max(min(v[i], _braking_speed(high[i] - p[i], a)), -_braking_speed(p[i] - low[i], a)) for i in range(3)
+        )
         return x, y, z
 
     def slow(self, share: float) -> None:
@@ -185,7 +187,7 @@ class CommandLimiter:
         self.q = turned(self.inner_q, turn)
 
 
-def _before(distance: float, a: float) -> float:
+def _braking_speed(distance: float, a: float) -> float:
     """The speed [m/s] from which it comes to rest within a distance [m], slowing down by a [m/s^2] at most.
 
     The last part is an exponential decay: each step is finite, and a square root ends with a jump.
@@ -197,7 +199,7 @@ def _before(distance: float, a: float) -> float:
 
 
 def _braking_distance(speed: float, a: float) -> float:
-    """The distance [m] with this `_before`."""
+    """The distance [m] within which it comes to rest from a speed [m/s]: the inverse of `_braking_speed`."""
     if speed <= a / APPROACH:
         return speed / APPROACH
     return 0.5 * (speed * speed / a + a / APPROACH**2)

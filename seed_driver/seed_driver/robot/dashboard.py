@@ -10,6 +10,7 @@ from seed_driver.robot.link import LinkError
 
 PORT = 29999
 TIMEOUT = 0.5  # [s]
+LOCAL_CONTROL = "in local control: switch it to remote control on the pendant"  # what a robot is, and the remedy
 
 
 class NoDashboardError(LinkError):

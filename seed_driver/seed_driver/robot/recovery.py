@@ -7,7 +7,7 @@ Source: Universal Robots, "Dashboard Server e-Series"; the order is that of UR's
 import time
 from collections.abc import Callable
 
-from seed_driver.robot.dashboard import NoDashboardError, dashboard
+from seed_driver.robot.dashboard import LOCAL_CONTROL, NoDashboardError, dashboard
 from seed_driver.robot.link import LinkError
 from seed_driver.robot.robot_api import switch
 
@@ -26,7 +26,7 @@ POWERLESS = {  # safety modes in which a robot takes no power, though its dashbo
     "FAULT": "call restart_safety",
 }
 ENDED_BY = POWERLESS | {"PROTECTIVE_STOP": "call unlock_protective_stop"}
-MODES_OF_RTDE = {
+MODES_OF_RTDE = {  # the dashboard's names of RTDE's safety_mode
     1: "NORMAL",
     2: "REDUCED",
     3: "PROTECTIVE_STOP",
@@ -70,8 +70,7 @@ def local_control(host: str) -> str:
         local = "false" in dashboard(host, "is in remote control").lower()
     except NoDashboardError:
         return ""
-    words = "the robot is in local control: switch it to remote control on the pendant, then call resend_robot_program"
-    return words if local else ""
+    return f"the robot is {LOCAL_CONTROL}, then call resend_robot_program" if local else ""
 
 
 def power_on(host: str, pause: Pause = time.sleep) -> str:

@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any
 
-from seed_driver.robot.dashboard import dashboard
+from seed_driver.robot.dashboard import LOCAL_CONTROL, dashboard
 from seed_driver.robot.link import PLAYING, AbsentError, LinkError
 from seed_ur import rtde
 
@@ -199,7 +199,7 @@ def require_remote(host: str, version: rtde.Version) -> None:
     """Raise LinkError when the robot is in local control, as far as its version tells."""
     remote_is_known = version[0] == 5 and version[1] >= 6
     if remote_is_known and "true" not in dashboard(host, "is in remote control"):
-        raise LinkError(f"the robot at {host} is in local control: switch it to remote control on the pendant")
+        raise LinkError(f"the robot at {host} is {LOCAL_CONTROL}")
 
 
 def end_orphan(host: str, command: str) -> None:

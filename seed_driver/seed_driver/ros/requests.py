@@ -110,7 +110,7 @@ class Requests:
         return state.sample.modes.safety_mode if state.linked else 0
 
     async def _unlock(self) -> str:
-        return await self._lead_to_rest(partial(unlock, safety_mode=self._safety_mode(), pause=self._pause()))
+        return await self._end_stop(partial(unlock, safety_mode=self._safety_mode(), pause=self._pause()))
 
     async def _restart_safety(self) -> str:
         return await self._in_thread(partial(restart_safety, safety_mode=self._safety_mode()))
@@ -126,13 +126,13 @@ class Requests:
         return pause
 
     async def _power_on(self) -> str:
-        return await self._lead_to_rest(partial(power_on, pause=self._pause()))
+        return await self._end_stop(partial(power_on, pause=self._pause()))
 
     async def _recover(self) -> str:
-        return await self._lead_to_rest(partial(recover, pause=self._pause()))
+        return await self._end_stop(partial(recover, pause=self._pause()))
 
-    async def _lead_to_rest(self, call: Callable[..., str]) -> str:
-        """What leads out of a stop, to an arm that waits for its program; hold_reason then says if it takes none."""
+    async def _end_stop(self, call: Callable[..., str]) -> str:
+        """Do what ends a stop; the arm waits for its program then, and hold_reason says if it takes none."""
         said = await self._in_thread(call)
         local = await self._in_thread(local_control)
         self._require_active()[0].send("wait", reason=local)

@@ -75,12 +75,12 @@ def _table(lines: Sequence[Line], methods: Sequence[Method], by_score: bool = Fa
         says, unit = SCORES[line.score]
         name = f"{says} [{unit}]" if unit else says
         first = f"{line.case}: {name}" if by_case else name if by_score else line.case
-        cells = "".join(_cell(line, m.name) for m in methods)
+        cells = "".join(cell_of(line, m.name) for m in methods)
         out.append(f"<tr><td>{escape(first)}</td>{cells}<td>{escape(line.won_by)}</td></tr>")
     return "\n".join([*out, "</table>"])
 
 
-def _cell(line: Line, method: str) -> str:
+def cell_of(line: Line, method: str) -> str:
     median, ninety = line.medians.get(method), line.ninety.get(method)
     best = " best" if method in line.winners else ""
     if median is None:
