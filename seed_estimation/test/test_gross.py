@@ -17,6 +17,7 @@ from seed_estimation.slip.gross import (
     LOADED,
     MOST,
     depth_went_on,
+    slipped_at_edge,
     sprung_back,
     tool_went_along,
     without_load,
@@ -296,6 +297,14 @@ def test_a_fall_that_the_pose_explains_is_no_slip() -> None:
     lifted = [*PULLED, (0.0, 0.0, 2.6)]
     assert sprung_back(observed(lifted), JITTER) == MOST
     assert sprung_back(observed(lifted, loss=0.01), JITTER) == 0.0
+
+
+def test_a_finger_whose_edge_has_not_slipped_holds_the_tool() -> None:
+    # a gripper that backs off at once, as a firm grasp does after its first contact: one patch creeps, one does not
+    assert slipped_at_edge(observed(PULLED, incipient=0.03))
+    assert slipped_at_edge(observed(PULLED, incipient=0.0, doubtful=True))
+    assert not slipped_at_edge(observed(PULLED, incipient=0.007))
+    assert slipped_at_edge([])
 
 
 def test_markers_without_load_are_set_free() -> None:

@@ -5,8 +5,8 @@ Markers show where the membrane is, depth shows where the tool is. While the too
 breaks loose, sliding friction bears less than what it stuck with, or not more. Hence seven signs:
 
     sprung back   the displacement of one finger's markers since the grasp falls at once, by more than their speed so
-                  far explains; the patch still slips along its edge (incipient slip); and where depth sees that
-                  direction well, depth does not fall
+                  far explains; the patch still slips along its edge (incipient slip), and the other finger's has;
+                  and where depth sees that direction well, depth does not fall
     gone on       depth goes on where markers do not, by more than micro-slip and noise explain
     left behind   material stays where it is from image to image while depth goes on (`following.py`); asked for longest
     parted        the fingers' markers go apart, which a tool that sticks to either does not let them (`parting.py`)
@@ -138,7 +138,7 @@ class GrossSlip:
 
     def _fallen(self, judged: Sequence[Markers], stamp: float) -> bool:
         """Whether markers have sprung back, and to where friction bears them still; judged: by finger."""
-        if self._evidence >= EVIDENCE * len(judged):
+        if self._evidence >= EVIDENCE * len(judged) and all(slipped_at_edge(m.seen) for m in judged):
             self._fell = min(self._fell, stamp)
         since = stamp - self._fell
         if since < 0.0:
@@ -204,6 +204,11 @@ def sprung_back(seen: Sequence[Observation], jitter: float, least_loss: float = 
     stayed = -float(direction @ (apart - apart_before))
     fell_too = math.hypot(*direction) > MOSTLY and stayed < 0.3 * fall
     return 0.0 if fell_too else min(share, MOST)
+
+
+def slipped_at_edge(seen: Iterable[Observation]) -> bool:
+    """Whether incipient slip of one finger was seen: a tool slides in all fingers, and one not seen says nothing."""
+    return not seen or any(s.doubtful or s.incipient > SLIPPING for s in seen)
 
 
 def without_load(sizes: Sequence[float]) -> bool:
