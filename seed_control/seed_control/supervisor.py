@@ -167,6 +167,7 @@ class Supervisor:
         """Per step at t [s], before it moves: inputs that went stale, and the motion of the last step, of dt [s]."""
         guard, command = self.guard, self._command
         if guard.following:
+            self._held_at = command.p_WC  # a hold may come between two steps, and with the next image
             guard.hold(self._inputs.staleness(t))
             guard.check_motion(command.p_WC, self._law.plan, command.behind(self._inputs.history.newest()), dt)
             if self.displacement is not None:

@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from quasi_static import DT, Bench
+from quasi_static import DOWN, DT, PRESS_Z, Bench
 
 from seed_control.command.relief import Relief
 from seed_control.law.surface_observer import SurfaceObserver
 from seed_control.law.tip_reference import HeightReference, TipReference
-from seed_core.spatial import make_pose, rotation_from_rpy
+from seed_control.setpoint.setpoints import HybridSetpoint
+from seed_core.spatial import Wrench, make_pose, rotation_from_rpy
 from seed_core.vector3 import ZERO, Vector3
 
 PRESS = np.array((0.0, 0.0, -10.0))  # N, of the tool on the environment
@@ -126,3 +127,28 @@ def test_a_pose_that_jumps_is_followed_slowly_and_no_further_than_lets_go(jump: 
     assert gone.max() < 1.05 * 8.0 / np.mean(bench.stiffness.translation)
     assert np.abs(np.diff(gone)).max() < 1.1 * bench.controller.parameters.approach_speed * DT
     assert bench.force > 0.5
+
+
+def test_a_hold_between_two_steps_gives_way_from_where_the_gripper_is() -> None:
+    bench = Bench().enabled()
+    higher = DOWN.copy()
+    higher[:3, 3] += (0.2, 0.0, 0.1)
+    bench.controller.set_setpoint(HybridSetpoint(higher), bench.t)
+    bench.run(3.0)
+    bench.table = 0.1
+    press = Wrench(np.zeros(3), np.array((0.0, 0.0, -5.0)))
+    bench.controller.set_setpoint(HybridSetpoint(higher, press, PRESS_Z), bench.t)
+    bench.run(3.0)
+    pressed, age = 0, 0.0
+    while pressed < 2 or bench._queue[0][0] > bench.t + 1e-9:  # the third such image comes right after the hold
+        bench.table += 0.05 * DT
+        state = bench.step()
+        pressed += state.image_age < age and state.estimated.force[2] < -5.0 - 2.1
+        age = state.image_age
+    held_at = bench.commands[-1][:3, 3]
+    bench.controller.hold(bench.t, "the arm holds")
+    assert bench.run(2.0).mode == "holding"
+    off = np.array(bench.commands[-500:])[:, :3, 3] - held_at
+    assert_allclose(off[:, :2], 0.0, atol=1e-3)
+    assert off[:, 2].min() > -1e-3
+    assert off[-1, 2] > 2e-3  # it gives way
