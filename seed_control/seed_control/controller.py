@@ -42,7 +42,7 @@ from seed_core.wrench_settings import ReferenceSettings
 LAW_CLASSES: dict[str, type[PublishedLaw]] = {"seed": HybridLaw, "plain": HybridLaw, "published": PublishedLaw}
 
 
-DOUBTED = 1.25  # times a new stiffness, with which what is followed must be possible: one that follows the grip varies
+DOUBTED = 1.25  # times a new stiffness, or over that, a set-point must be possible: one that follows the grip varies
 ANOTHER = 0.05  # by which a stiffness differs that is another, not one that follows the grip
 AWAY = 0.02, 0.2  # [m], [rad] beyond its trailing: such an arm was moved, or held, by something else
 
@@ -207,11 +207,13 @@ class Controller:
     def set_stiffness(self, stiffness: Stiffness, t: float) -> None:
         """Use another stiffness, blended in over `stiffness_blend` so that the arm does not jump.
 
-        A set-point that cannot be followed with it, nor with a quarter more, ends in a hold.
+        A set-point that cannot be followed with it, nor with a quarter more, ends in a hold; for a displacement, whose
+        load grows with the stiffness, a quarter less.
         """
         blend = self.parameters.stiffness_blend if self._guard.enabled else 0.0
         law, displacement, estimate = self.law, self.supervisor.displacement, self._inputs.estimate
-        m, bushing = law.measured, Bushing(stiffness.scaled(DOUBTED), self.wrench_estimator.bushing.model)
+        doubted = stiffness.scaled(DOUBTED if displacement is None else 1.0 / DOUBTED)
+        m, bushing = law.measured, Bushing(doubted, self.wrench_estimator.bushing.model)
         ratio = stiffness.vector() / self.wrench_estimator.bushing.stiffness.vector()
         if not self.wrench_estimator.set_stiffness(stiffness, t, blend):
             return

@@ -795,3 +795,13 @@ def test_estimates_of_a_clock_that_is_ahead_are_named(ahead: float) -> None:
     with pytest.raises(ControlRefusedError, match="after the newest current_pose: compare the clocks"):
         bench.controller.enable(bench.t)
     assert bench.state.counters.estimates_unmatched > 10
+
+
+def test_a_displacement_goes_on_with_a_stiffness_that_loads_it_no_more_than_is_allowed() -> None:
+    bench = Bench().enabled()
+    bench.controller.set_setpoint(RelativePoseSetpoint(make_pose(p=(0.0, 0.0, 0.014))), bench.t)
+    bench.run(0.5)
+    bench.controller.set_stiffness(DEFAULT_STIFFNESS.scaled(1.05), bench.t)  # 11.8 N and the weight: 13.7 N of 15
+    assert bench.run(0.1).mode == "position"
+    bench.controller.set_stiffness(DEFAULT_STIFFNESS.scaled(1.6), bench.t)
+    assert "the stiffness was changed: SP11" in bench.run(0.1).reason
