@@ -112,6 +112,7 @@ class FlangeCommand:
         """
         limiter = self._limiter
         inside = self._workspace.within(p_WC, self._q_WE)
+        inside = self._workspace.within(inside, limiter.q)  # on the way there, too: a turn takes longer than a move
         limiter.advance(inside, self._q_WE, dt, speed, known if inside is p_WC else AT_REST)
         self._moved(dt)
         met: tuple[str, ...] = () if inside is p_WC else ("workspace",)
