@@ -805,3 +805,14 @@ def test_a_displacement_goes_on_with_a_stiffness_that_loads_it_no_more_than_is_a
     assert bench.run(0.1).mode == "position"
     bench.controller.set_stiffness(DEFAULT_STIFFNESS.scaled(1.6), bench.t)
     assert "the stiffness was changed: SP11" in bench.run(0.1).reason
+
+
+def test_a_stream_of_torques_turns_a_free_tool_no_further_than_one_set_point_does() -> None:
+    bench = Bench(k_table=500.0).enabled()
+    torque = WrenchSetpoint(Wrench(np.array((0.5, 0.0, 0.0)), np.array((0.0, 0.0, -5.0))), contact_resists=(True,) * 3)
+    limits, R_start = set[str](), bench.X_WE[:3, :3]
+    while bench.state.mode != "holding" and bench.t < 6.0:
+        bench.controller.set_setpoint(torque, bench.t)
+        limits |= set(bench.run(0.05).limits_hit)
+    assert "max_drift" in limits
+    assert np.rad2deg(np.linalg.norm(so3_log(R_start.T @ bench.commands[-1][:3, :3]))) < 50.1

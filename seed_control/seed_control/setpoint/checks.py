@@ -89,8 +89,8 @@ class SetpointChecks:
 
         Args:
             m: the newest measurement.
-            before: what a stream of wrenches has come to so far, whose orientation is held on; None: the present one
-                is held.
+            before: what a stream of wrenches has come to so far, whose orientation is held on, and from which torque
+                may turn by `max_drift`; None: the present one.
         """
         if isinstance(s, HybridSetpoint):
             return s
@@ -101,7 +101,7 @@ class SetpointChecks:
                 "hybrid set-point for some of them",
             )
         X_W_tip = m.X_WT @ self._X_Ttip
-        if before is not None and not any(s.contact_resists):
+        if before is not None:
             X_W_tip[:3, :3] = before.X_W_tip[:3, :3]
         return HybridSetpoint(
             X_W_tip=X_W_tip,
