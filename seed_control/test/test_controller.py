@@ -816,3 +816,23 @@ def test_a_stream_of_torques_turns_a_free_tool_no_further_than_one_set_point_doe
         limits |= set(bench.run(0.05).limits_hit)
     assert "max_drift" in limits
     assert np.rad2deg(np.linalg.norm(so3_log(R_start.T @ bench.commands[-1][:3, :3]))) < 50.1
+
+
+@pytest.mark.parametrize("x", [(0.0, 0.0, 1.0), (0.0, 1.0, 0.0)])
+def test_another_surface_is_found_where_it_is_expected_after_a_lift(x: tuple[float, float, float]) -> None:
+    bench = Bench().enabled()
+    bench.press(5.0, task_frame="found")
+    assert bench.run(2.0).mode == "contact"
+    lifted = DOWN.copy()
+    lifted[2, 3] += 0.05
+    bench.controller.set_setpoint(HybridSetpoint(lifted, task_frame="found"), bench.t)
+    bench.run(3.0)
+    before = bench.commands[-1][:3, 3]
+    z = np.array((-1.0, 0.0, 0.0))  # of a wall
+    wall = np.column_stack((x, np.cross(z, x), z))
+    press = HybridSetpoint(lifted, force_down(5.0), PRESS_Z, task_frame="found", R_W_task=wall)
+    bench.controller.set_setpoint(press, bench.t)
+    assert bench.run(1.0).mode == "approach"
+    way = bench.commands[-1][:3, 3] - before
+    assert way[0] > 0.02
+    assert_allclose(way[1:], 0.0, atol=1e-3)

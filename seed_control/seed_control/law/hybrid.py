@@ -161,6 +161,8 @@ class HybridLaw(PublishedLaw):
         if not self._follows_surface(s):
             self.normal.release()
             return super()._task_axes(s)
+        if not (self.contact.once or self.contact.anywhere):
+            self.normal.release()
         self.normal.expect(s.R_W_task[:, 2])
         R_W_task = self.normal.axes(s.R_W_task)
         return R_W_task, R_W_task @ s.force_projector @ R_W_task.T
