@@ -6,6 +6,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from seed_control.payload.identify import PayloadError, PayloadFit
+from seed_control.payload.motion import LIFT, payload_task
+from seed_control.state import ControllerState
+from seed_control.tasks import TaskPlayer
 from seed_control.wrench.estimate import WrenchEstimator
 from seed_core.bushing import Bushing
 from seed_core.config import ConfigError
@@ -94,3 +97,19 @@ def test_an_arm_on_a_wall_weighs_the_same_and_tells_the_same_wrench() -> None:
     assert wall.result().mass == pytest.approx(stand.result().mass)
     with pytest.raises(ConfigError, match=r"up = \(0.0, 0.0, 0.5\) has length 0.5; give a unit vector"):
         Hand(up=(0.0, 0.0, 0.5))
+
+
+@pytest.mark.parametrize("up", [(0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, -0.6, 0.8)])
+def test_a_tool_is_lifted_against_gravity_as_it_is_before_it_is_turned(up: tuple[float, float, float]) -> None:
+    X_W_tip = pose_from_rpy((0.3, -0.2, 1.0), (0.4, 0.1, 0.3))
+    player = TaskPlayer(payload_task(X_W_tip, up), waits=False)
+    state = ControllerState(0.0, "position", True, X_W_tip=X_W_tip)
+    lift = X_W_tip
+    for i in range(10000):
+        status = player.step(0.004 * i, state)
+        if status.phase != "lift":
+            break
+        assert status.setpoint is not None
+        lift = status.setpoint.X_W_tip
+    assert_allclose(lift[:3, 3] - X_W_tip[:3, 3], LIFT * np.array(up), atol=1e-6)
+    assert_allclose(lift[:3, :3], X_W_tip[:3, :3], atol=1e-9)

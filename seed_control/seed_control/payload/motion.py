@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motion of payload identification: lift off, hold the tool still in a few orientations, sample how it hangs."""
 
+from math import asin, atan2
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from seed_control.payload.identify import Payload, PayloadError, PayloadFit
 from seed_control.state import ControllerState
 from seed_control.tasks import TaskPlayer, TaskStatus
 from seed_control.tasks.task import Phase, Task, WorkFrame
 from seed_control.wrench.estimate import WrenchEstimator
-from seed_core.hand import GRAVITY, Tool
+from seed_core.hand import GRAVITY, UPRIGHT, Tool
 from seed_core.spatial import Array, inverse_pose, rpy_from_rotation
 
 LIFT = 0.05  # [m] before the first turn: a blade's end goes down by a third of its distance from the tip
@@ -18,10 +21,12 @@ _SAMPLING = 0.6  # [s] per orientation
 _MOST_FORCE = 0.5  # of the weight that is expected, by which the load may differ before the start
 
 
-def payload_task(X_W_tip: Array) -> Task:
-    """The task for a tool whose tip is at X_W_tip (4, 4) in free space."""
+def payload_task(X_W_tip: Array, up_W: ArrayLike = UPRIGHT) -> Task:
+    """The task for a tool whose tip is at X_W_tip (4, 4) in free space; up_W: (3,) against gravity."""
     x, y, z = X_W_tip[:3, 3].tolist()
-    r, p, w = np.rad2deg(rpy_from_rotation(X_W_tip[:3, :3])).tolist()
+    a, b, c = np.asarray(up_W).tolist()
+    frame = WorkFrame((x, y, z), (float(np.rad2deg(-asin(b))), float(np.rad2deg(atan2(a, c))), 0.0))  # its z is up
+    r, p, w = np.rad2deg(rpy_from_rotation(frame.pose[:3, :3].T @ X_W_tip[:3, :3])).tolist()
     up, dwell = (0.0, 0.0, LIFT), _STILL + _SAMPLING
     turns = {
         "level": (0.0, 0.0, 0.0),
@@ -32,7 +37,7 @@ def payload_task(X_W_tip: Array) -> Task:
     }
     return Task(
         name="weigh_tool",
-        frame=WorkFrame((x, y, z)),
+        frame=frame,
         tip_rpy=(r, p, w),
         lift=0.005,
         phases=(
@@ -62,7 +67,7 @@ class PayloadRun:
                 "lift it off, or state tool.mass"
             )
         self._tool, self._X_tipT = tool, inverse_pose(tool.X_Ttip)
-        self._player = TaskPlayer(payload_task(state.X_W_tip), waits=False)
+        self._player = TaskPlayer(payload_task(state.X_W_tip, wrench_estimator.up), waits=False)
         self._fit = PayloadFit(wrench_estimator.bushing, wrench_estimator.up)
         self._still_since = self._seen = -np.inf
         self._place: Array | None = None
