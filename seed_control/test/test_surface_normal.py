@@ -14,7 +14,7 @@ from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.tasks import load_task
 from seed_control.tasks.steps import steps_of
 from seed_control.tasks.surface_run import SurfaceRun, carried
-from seed_core.spatial import Array, Wrench, make_pose, so3_exp
+from seed_core.spatial import Array, Wrench, make_pose, rotation_from_rpy, so3_exp
 
 DT, SPEED, LOOP = 1.0 / 45.0, 0.05, 0.08  # [s], [m/s], [s]
 NOISE = 3e-4  # [m]
@@ -249,3 +249,13 @@ def test_axes_that_are_carried_turn_with_the_normal_and_not_about_it() -> None:
     assert_allclose(axes[:, 1], (0.0, 1.0, 0.0), atol=1e-12)
     assert_allclose(axes[:, 0], (np.cos(1.2), 0.0, -np.sin(1.2)), atol=1e-12)
     assert carried(axes, axes[:, 2]) is axes
+
+
+def test_axes_are_axes_where_x_of_the_task_frame_is_the_normal() -> None:
+    found = SurfaceNormal()
+    x_up = np.array(((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)))
+    for R_W_task in (x_up, x_up @ rotation_from_rpy((0.0, 1e-6, 0.0))):
+        R = found.axes(R_W_task)
+        assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
+        assert np.linalg.det(R) > 0.0
+        assert_allclose(R[:, 1], R_W_task[:, 1], atol=1e-5)

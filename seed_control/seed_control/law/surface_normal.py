@@ -50,6 +50,7 @@ _GATE = 16.0  # squared innovation over its variance (4 sigma)
 _IN_A_ROW = 3  # of them on one side mean that the surface has an edge here
 _OPENED = 0.25  # [1] deviation of the slope after an edge
 _FURTHEST = 0.25  # [rad] by which the bend turns the normal ahead, at most
+_UPRIGHT = 1e-3  # sine of an axis to the normal, at most, that has no direction along the surface
 _STEEPEST = 0.0  # cosine of the normal to the one that was expected before contact, at least
 
 
@@ -152,6 +153,8 @@ class SurfaceNormal:
         """(3, 3) axes of the task frame: z along `ahead`, x as near to that of R_W_task (3, 3) as can be."""
         z = self.ahead
         x = R_W_task[:, 0] - (R_W_task[:, 0] @ z) * z
+        if float(x @ x) < _UPRIGHT**2:  # that one stands on the surface: y tells as well
+            x = np.cross(R_W_task[:, 1], z)
         x = x / np.sqrt(x @ x)
         return np.column_stack([x, np.cross(z, x), z])
 
