@@ -40,6 +40,19 @@ def test_an_approach_that_goes_too_far_or_nowhere_known_is_held(z: float) -> Non
     assert "no contact within max_free_travel = 60 mm along (0.00, 0.00, 1.00)" in went(travel, (0.0, 0.0, z))
 
 
+def test_another_direction_is_counted_from_where_it_begins() -> None:
+    travel, across = still(BOUND), np.array(((1.0, 0.0, 0.0),))
+    assert went(travel, (0.0, 0.0, 0.0), (0.1, 0.0, 0.03)) == ""
+    assert travel.step((0.1, 0.0, 0.03), across, 1.0) == ""
+    assert travel.step((0.159, 0.0, 0.03), across, 1.0) == ""
+    assert "along (1.00, 0.00, 0.00)" in travel.step((0.161, 0.0, 0.03), across, 1.0)
+    turning, n = still(BOUND), np.zeros((1, 3))
+    for angle in np.linspace(0.0, 0.5 * np.pi, 100):  # one that turns with a surface is the same
+        n[0] = np.sin(angle), 0.0, np.cos(angle)
+        assert turning.step((0.0, 0.0, 0.0), n, 0.004) == ""
+    assert "along (1.00, 0.00, 0.00)" in turning.step((0.061, 0.0, 0.0), n, 1.0)
+
+
 def test_a_tool_that_slides_in_the_grasp_is_no_way_without_contact() -> None:
     travel = still(BOUND)
     reason = went(travel, (0.0, 0.0, 0.01))
