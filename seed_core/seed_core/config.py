@@ -8,6 +8,7 @@ are refused; nothing is evaluated or unpickled.
 
 import dataclasses
 import math
+import re
 import sys
 import types
 import typing
@@ -29,6 +30,7 @@ RENAMED = {  # parameters of former releases, refused with the name that they ha
     "max_turning_step": "max_angular_step",
 }
 MAX_BYTES = 10_000_000  # a configuration file larger than this is not one
+_SURPRISING = re.compile(r"[-+]?(0[0-7_]+$|[0-9].*:)")  # octal 010 and sexagesimal 1:30 of YAML 1.1
 SPARE_VALUES = 100_000  # that aliases may add to a text, which has at most one value for each of its characters
 
 
@@ -104,7 +106,8 @@ class _Parser:
         self._loader, self._source, self._most, self._count = loader, source, most, 0
 
     def parse(self, node: yaml.Node | None) -> _Node:
-        """Raises ConfigError: a key stands twice, a text cannot be written, or aliases make too many values."""
+        """Raises ConfigError: a key stands twice, a text cannot be written, a number is not read as it looks, or too
+        many values come of aliases."""
         if node is None:
             return _Node({}, 1)
         line = node.start_mark.line + 1
@@ -125,6 +128,11 @@ class _Parser:
 
     def _scalar(self, node: yaml.Node) -> Any:
         value = self._loader.construct_object(node)
+        if isinstance(value, int | float) and _SURPRISING.match(node.value):
+            raise ConfigError(
+                f"{self._source}:{node.start_mark.line + 1}: YAML reads {node.value} as {value:g}: write {value:g} if "
+                "that is meant; a number has no leading zero and no colon"
+            )
         if isinstance(value, str) and (wrong := [c for c in value if _is_no_text(c)]):
             raise ConfigError(
                 f"{self._source}:{node.start_mark.line + 1}: a text has the character {wrong[0]!a}, which cannot "

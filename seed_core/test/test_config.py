@@ -101,6 +101,12 @@ def test_a_number_may_be_written_with_its_unit() -> None:
     assert isinstance(load_text("speed: 1 m/s", Outer).speed, float)
 
 
+@pytest.mark.parametrize("written", ["010", "-010", "1:30", "1:30.5"])
+def test_a_number_that_yaml_reads_in_another_base_is_refused(written: str) -> None:
+    with pytest.raises(ConfigError, match=f"f.yaml:2: YAML reads {written} as"):
+        load_text(f"speed: 0.5\ntilt: {written}", Outer, "f.yaml")
+
+
 def test_values_from_code_are_checked_alike() -> None:
     assert from_mapping({"speed": 1}, Outer).speed == 1.0
     with pytest.raises(ConfigError, match="speed = 2 m/s must be within"):
