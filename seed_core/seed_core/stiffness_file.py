@@ -52,6 +52,11 @@ class StiffnessFile:
     def __post_init__(self) -> None:
         if not self.grips:
             raise ConfigError("grips is empty: at least one grip is needed")
+        unknown = [g.pressure_hpa for g in self.grips].count(0.0)
+        if 0 < unknown < len(self.grips):
+            raise ConfigError(
+                f"pressure_hpa is 0, that is unknown, of {unknown} of {len(self.grips)} grips: give all, or none"
+            )
         for a, b in pairwise(self.grips):
             if self.by_pressure and not b.pressure_hpa > a.pressure_hpa:
                 raise ConfigError(

@@ -32,6 +32,11 @@ def test_stiffness_is_straight_between_grips_and_constant_beyond() -> None:
     assert grip.at_width(0.04) == FIRM.stiffness
 
 
+def test_an_unknown_pressure_among_known_ones_is_refused() -> None:
+    with pytest.raises(ConfigError, match="pressure_hpa is 0, that is unknown, of 1 of 2 grips"):
+        replace(FILE, grips=(replace(LOOSE, pressure_hpa=0.0), FIRM))
+
+
 def test_one_grip_is_a_constant() -> None:
     with pytest.raises(ConfigError, match="width = 52 m must be within 0 and 1 m: is it in metres"):
         GripStiffness(FILE).at_width(52.0)
