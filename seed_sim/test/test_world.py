@@ -395,6 +395,12 @@ def test_a_spring_is_not_identified_where_membranes_hold_the_tool(where, capsys)
     assert "scenario 'membrane': grasp.kind = membrane: the grasp of this world is a spring" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("where", [["--draws", "1"], ["--perturb", "none"]])
+def test_a_task_for_another_tool_is_refused_in_a_world_too(where, capsys):
+    assert command.main(["pen", "--scenario", "nominal", *where]) == 2
+    assert "task 'pen' is made for the tool 'pen', and the hand holds 'squeegee'" in capsys.readouterr().err
+
+
 def test_a_map_of_membranes_is_not_asked_of_a_spring(capsys):
     assert command.main(["squeegee", "--draws", "1", "--model", "membrane"]) == 2
     assert "model = membrane: the grasp of this world is a spring; give --membranes" in capsys.readouterr().err

@@ -218,7 +218,9 @@ def _draws(args: argparse.Namespace) -> int:
     if args.law not in CONTROL_LAWS:
         raise SeedError(f"--law {args.law} is a baseline, which knows nothing to be wrong of: use --world known")
     task = load_task(args.task, args.force)  # a mistake here would break every run
-    check_kind(kind, load_scenario(args.scenario or scenario_of(task)), args.model)
+    scenario = load_scenario(args.scenario or scenario_of(task))
+    check_task(task, scenario, args.law)
+    check_kind(kind, scenario, args.model)
     draws = range(args.seed, args.seed + (args.draws or DRAWS))
     result = score_draws(settings, draws, args.jobs, args.out, shown=not args.json)
     print(to_json(result) if args.json else table(result))

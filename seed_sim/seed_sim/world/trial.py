@@ -14,7 +14,7 @@ from seed_control.tasks.task import Phase
 from seed_core.errors import SeedError
 from seed_core.spatial import Array
 from seed_core.wrench_settings import WrenchModelName
-from seed_sim.closed_loop.evaluate import load_both
+from seed_sim.closed_loop.evaluate import check_task, load_both
 from seed_sim.closed_loop.progress import Progress
 from seed_sim.closed_loop.recording import Recording, rms, score, scored_phase
 from seed_sim.closed_loop.relative_poses import FROM_IMAGES, refuse_calibrate
@@ -72,6 +72,7 @@ def run_trial(
         SeedError: unknown names, or values that cannot be used.
     """
     task, scenario = load_both(task, scenario, force)
+    check_task(task, scenario, law)
     check_kind(world.kind, scenario, model)
     scenario = _in_world(scenario, world, estimator, arm_sensor)
     model = model or ("membrane" if world.kind == "membrane" else "hysteretic")
