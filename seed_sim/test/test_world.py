@@ -401,6 +401,12 @@ def test_a_task_for_another_tool_is_refused_in_a_world_too(where, capsys):
     assert "task 'pen' is made for the tool 'pen', and the hand holds 'squeegee'" in capsys.readouterr().err
 
 
+def test_a_grasp_taken_under_load_is_refused_where_it_would_have_no_effect():
+    loaded = replace(NOMINAL, grasp=replace(NOMINAL.grasp, taken_under=(0.0, 0.0, -1.96)))
+    with pytest.raises(SeedError, match=r"grasp.taken_under = \[0.0, 0.0, -1.96\] N: a hidden world's grasp"):
+        run_trial("squeegee", World(), 3, scenario=loaded)
+
+
 def test_a_map_of_membranes_is_not_asked_of_a_spring(capsys):
     assert command.main(["squeegee", "--draws", "1", "--model", "membrane"]) == 2
     assert "model = membrane: the grasp of this world is a spring; give --membranes" in capsys.readouterr().err

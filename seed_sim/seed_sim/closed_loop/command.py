@@ -220,7 +220,7 @@ def _draws(args: argparse.Namespace) -> int:
     task = load_task(args.task, args.force)  # a mistake here would break every run
     scenario = load_scenario(args.scenario or scenario_of(task))
     check_task(task, scenario, args.law)
-    check_kind(kind, scenario, args.model)
+    check_kind(kind, scenario, args.model, args.estimator)
     draws = range(args.seed, args.seed + (args.draws or DRAWS))
     result = score_draws(settings, draws, args.jobs, args.out, shown=not args.json)
     print(to_json(result) if args.json else table(result))

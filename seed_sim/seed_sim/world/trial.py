@@ -73,7 +73,7 @@ def run_trial(
     """
     task, scenario = load_both(task, scenario, force)
     check_task(task, scenario, law)
-    check_kind(world.kind, scenario, model)
+    check_kind(world.kind, scenario, model, estimator)
     scenario = _in_world(scenario, world, estimator, arm_sensor)
     model = model or ("membrane" if world.kind == "membrane" else "hysteretic")
     began = time.perf_counter()
@@ -119,8 +119,13 @@ def _in_world(scenario: Scenario, world: World, estimator: str, arm_sensor: bool
     return scenario
 
 
-def check_kind(kind: Kind, scenario: Scenario, model: WrenchModelName | None) -> None:
+def check_kind(kind: Kind, scenario: Scenario, model: WrenchModelName | None, estimator: str) -> None:
     """Raises SeedError: the scenario's grasp, or the model of the wrench, is none of a world of this kind."""
+    if estimator in FROM_IMAGES and any(scenario.grasp.taken_under):
+        raise SeedError(
+            f"scenario '{scenario.name}': grasp.taken_under = {list(scenario.grasp.taken_under)} N: a hidden world's "
+            "grasp is taken without load: leave it out, or give --world known (of one that hangs: --perturb hanging)"
+        )
     if kind != "membrane" and scenario.grasp.kind == "membrane":
         raise SeedError(
             f"scenario '{scenario.name}': grasp.kind = membrane: the grasp of this world is a spring; give --membranes "
