@@ -10,7 +10,7 @@ from seed_sim.closed_loop.recording import Recording, rms
 
 
 def surface_score(recording: Recording, task: Task) -> dict[str, Any] | None:
-    """Along the true normal, over all phases along the surface that move; from their first millimetre.
+    """Along the true normal, over the last phase along the surface that controls force.
 
     Returns:
         Rms [N] of the force along the normal against the wanted one, with its mean; rms and worst [deg] of the normal
