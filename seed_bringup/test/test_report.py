@@ -171,6 +171,14 @@ def test_the_figure_of_belief_stands_in_the_report_with_what_was_hidden(report: 
     assert len(page.ids) == len(set(page.ids))
 
 
+def test_phases_are_named_where_there_is_room_for_their_names() -> None:
+    t = np.linspace(0.0, 6.0, 200)
+    run = {"SEED": Curve(t, np.full(200, 2.0), np.zeros(200))}
+    strokes = [Phase(f"stroke {i + 1}/12 draw", 0.5 * i, 0.5 * i + 0.5) for i in range(12)]
+    assert "1/12 draw" in force_and_torque(run, 2.0, (3.0, 6.0), strokes[:4])
+    assert "/12 draw" not in force_and_torque(run, 2.0, (3.0, 6.0), strokes)  # they would cover each other
+
+
 def test_the_share_in_the_band_is_that_of_the_stated_deviation() -> None:
     """Errors of deviation 0.3 lie within twice 0.3 for 95.4 % of the time, within twice 0.15 for 68.3 %."""
     n, rng = 20000, np.random.default_rng(3)

@@ -15,7 +15,7 @@ from seed_bringup.demo.score import BAND, BeliefCurves, Curve, Phase
 from seed_bringup.demo.series import Series
 from seed_core.spatial import Array, rpy_from_rotation
 from seed_sim.closed_loop.recording import Recording
-from seed_sim.replay.plots import draw_path
+from seed_sim.replay.plots import NAMED, draw_path
 
 BLUE, ORANGE, GREEN, GREY, INK = "#1f6feb", "#e8710a", "#188a5b", "#9aa4b2", "#1f2937"
 AXES = (("x", "mm"), ("y", "mm"), ("z", "mm"), ("roll", "deg"), ("pitch", "deg"), ("yaw", "deg"))
@@ -128,6 +128,9 @@ def _coordinates(poses: Array) -> Array:
 
 
 def _name_phases(axis: Axes, phases: list[Phase]) -> None:
+    """Where each phase begins, and its name; nothing of a drawing with many strokes."""
+    if len(phases) > NAMED:
+        return
     for phase in phases:
         axis.axvline(phase.start, color=GREY, lw=0.8, ls=(0, (1, 3)), zorder=1)
         if phase.end - phase.start > 0.4:
