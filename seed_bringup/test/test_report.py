@@ -179,6 +179,13 @@ def test_phases_are_named_where_there_is_room_for_their_names() -> None:
     assert "/12 draw" not in force_and_torque(run, 2.0, (3.0, 6.0), strokes)  # they would cover each other
 
 
+def test_the_curves_of_a_task_that_ended_before_it_was_scored_are_drawn() -> None:
+    phases = [Phase("approach", 0.0, 1.0), Phase("press", 1.0, 2.0), Phase("wipe", 2.0, 2.995)]
+    t = np.arange(0.0, 2.995, 0.01)
+    run = Curve(t, np.full_like(t, 2.0), np.zeros_like(t))
+    assert "press" in force_and_torque({"SEED": run}, 2.0, (2.995, 2.995), phases)
+
+
 def test_the_share_in_the_band_is_that_of_the_stated_deviation() -> None:
     """Errors of deviation 0.3 lie within twice 0.3 for 95.4 % of the time, within twice 0.15 for 68.3 %."""
     n, rng = 20000, np.random.default_rng(3)

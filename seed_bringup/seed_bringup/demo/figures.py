@@ -52,7 +52,7 @@ def force_and_torque(
         t = next(iter(runs.values())).t
         top.set_xlim(float(t[0]), float(t[-1]))
         torques = [np.abs(run.torque[(run.t >= band[0]) & (run.t <= band[1])]) for run in runs.values()]
-        worst = max(0.1, *(float(np.percentile(q, 99, method="nearest")) for q in torques if q.size))
+        worst = max([0.1, *(float(np.percentile(q, 99, method="nearest")) for q in torques if q.size)])
         bottom.set_ylim(-1.3 * worst, 1.6 * worst)
         return svg(figure)
 
