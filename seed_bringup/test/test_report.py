@@ -22,7 +22,7 @@ from seed_bringup.demo.hidden import HIDDEN, at_camera_rate
 from seed_bringup.demo.live import LiveRun, patience_with
 from seed_bringup.demo.plan import plan
 from seed_bringup.demo.report import Picture, Report, text_table
-from seed_bringup.demo.score import BeliefCurves, Curve, Phase, deviations, score_of_belief
+from seed_bringup.demo.score import BeliefCurves, Curve, Phase, deviations, score_of_belief, scored_stretches
 from seed_bringup.demo.series import Series
 from seed_bringup.pictures.scene import Scene, bodies, setup_picture
 from seed_control.tasks import load_task
@@ -55,7 +55,7 @@ def report() -> Report:
         subtitle="a & b",
         held=True,
         scores={"seed": a_score(0.12), "open_loop": a_score(9.0)},
-        force_figure=force_and_torque({"SEED": run, "open loop": run}, 10.0, (3.0, 6.0), phases),
+        force_figure=force_and_torque({"SEED": run, "open loop": run}, 10.0, [(3.0, 6.0)], phases),
         pose_figure=relative_pose(poses, poses, phases),
         pictures=[Picture(PNG, "press")],
         details={"command": "./seed demo"},
@@ -158,7 +158,7 @@ def test_numbers_stand_where_they_belong_and_missing_ones_are_dashes(report: Rep
 def test_the_figure_of_belief_stands_in_the_report_with_what_was_hidden(report: Report) -> None:
     t = np.linspace(0.0, 6.0, 200)
     run = BeliefCurves(t, np.full(200, 9.8), np.full(200, 10.1), np.full(200, 0.2), np.full(200, 10.0))
-    figure = true_and_believed(run, (3.0, 6.0), [Phase("wipe", 2.0, 6.0)])
+    figure = true_and_believed(run, [(3.0, 6.0)], [Phase("wipe", 2.0, 6.0)])
     assert "<!-- believed, with 2 stated deviations -->" in figure
     told = {"believed_z": {"rmse": 0.11, "error": 0.31, "bias": 0.3, "stated": 0.2, "in_band": 0.954}}
     html = replace(report, belief_figure=figure, hidden="<a>", scores={"seed": a_score(0.2) | told}).html()
@@ -175,15 +175,32 @@ def test_phases_are_named_where_there_is_room_for_their_names() -> None:
     t = np.linspace(0.0, 6.0, 200)
     run = {"SEED": Curve(t, np.full(200, 2.0), np.zeros(200))}
     strokes = [Phase(f"stroke {i + 1}/12 draw", 0.5 * i, 0.5 * i + 0.5) for i in range(12)]
-    assert "1/12 draw" in force_and_torque(run, 2.0, (3.0, 6.0), strokes[:4])
-    assert "/12 draw" not in force_and_torque(run, 2.0, (3.0, 6.0), strokes)  # they would cover each other
+    assert "1/12 draw" in force_and_torque(run, 2.0, [(3.0, 6.0)], strokes[:4])
+    assert "/12 draw" not in force_and_torque(run, 2.0, [(3.0, 6.0)], strokes)  # they would cover each other
 
 
 def test_the_curves_of_a_task_that_ended_before_it_was_scored_are_drawn() -> None:
     phases = [Phase("approach", 0.0, 1.0), Phase("press", 1.0, 2.0), Phase("wipe", 2.0, 2.995)]
     t = np.arange(0.0, 2.995, 0.01)
     run = Curve(t, np.full_like(t, 2.0), np.zeros_like(t))
-    assert "press" in force_and_torque({"SEED": run}, 2.0, (2.995, 2.995), phases)
+    assert "press" in force_and_torque({"SEED": run}, 2.0, [], phases)
+
+
+def test_what_is_scored_is_each_stroke_from_two_seconds_after_contact_and_not_the_way_between() -> None:
+    names = ("1/3 touch", "1/3 draw", "2/3 over", "2/3 draw", "3/3 over", "3/3 draw", "lift")
+    phases = [Phase(f"stroke {n}" if "/" in n else n, float(i), i + 1.0) for i, n in enumerate(names)]
+    assert scored_stretches(phases, "draw", contact=1.5) == [(3.5, 4.0), (5.0, 6.0)]
+    rows = {"t": [0.05 * i for i in range(140)], "phase": [i // 20 for i in range(140)]}
+    rows["force"] = [(0.0, 0.0, -2.0 * (t >= 1.5)) for t in rows["t"]]
+    recording = Recording([p.name for p in phases], rows=rows)
+    counted = recording["t"][recording.scored("draw")]
+    shaded = [any(a <= t < b for a, b in scored_stretches(phases, "draw", 1.5)) for t in recording["t"]]
+    np.testing.assert_array_equal(counted, recording["t"][shaded])  # what the score counts
+
+
+def test_nothing_is_shaded_of_a_task_that_ended_before_it_was_scored() -> None:
+    phases = [Phase("approach", 0.0, 1.0), Phase("press", 1.0, 2.0), Phase("wipe", 2.0, 3.0)]
+    assert scored_stretches(phases, "wipe", contact=1.5) == []
 
 
 def test_the_share_in_the_band_is_that_of_the_stated_deviation() -> None:

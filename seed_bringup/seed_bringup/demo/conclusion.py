@@ -14,7 +14,7 @@ from seed_bringup.demo.hidden import Findings
 from seed_bringup.demo.live import LiveRun
 from seed_bringup.demo.plan import Plan
 from seed_bringup.demo.report import Report, text_table
-from seed_bringup.demo.score import Phase, belief_of, curve_of, recording_of, score_of_belief, scored_stretch
+from seed_bringup.demo.score import Phase, belief_of, curve_of, recording_of, score_of_belief, scored_stretches
 from seed_bringup.demo.series import Series
 from seed_bringup.demo.terminal import say
 from seed_bringup.pictures.scene import Scene, setup_picture
@@ -148,7 +148,7 @@ class _Conclusion:
         for law, baseline in self.baselines.items():  # from its own first contact
             shift = contact - (baseline.score["contact"]["time"] or contact)
             runs[law.replace("_", " ")] = baseline.curve._replace(t=baseline.curve.t + shift)
-        band = scored_stretch(phases, scored_phase(task), contact)
+        scored = scored_stretches(phases, scored_phase(task), contact)
         estimated, true = (
             self.series[name].since(self.live.phases[0].start).between(0.0, phases[-1].end)
             for name in ("relative_pose", "true_relative")
@@ -161,8 +161,8 @@ class _Conclusion:
             "through the live ROS graph.",
             held=self.held,
             scores=self.scores,
-            force_figure=force_and_torque(runs, wanted, band, phases),
-            belief_figure=true_and_believed(belief_of(self.recording), band, phases),
+            force_figure=force_and_torque(runs, wanted, scored, phases),
+            belief_figure=true_and_believed(belief_of(self.recording), scored, phases),
             hidden=self._hidden(),
             pose_figure=relative_pose(estimated, true, phases),
             pictures=self.live.pictures,

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from seed_bringup.demo.score import BAND, BeliefCurves, Curve, Phase
 from seed_bringup.demo.series import Series
@@ -23,11 +24,11 @@ STYLE = Path(__file__).parents[1] / "templates" / "figures.mplstyle"
 
 
 def force_and_torque(
-    runs: Mapping[str, Curve], wanted_force: float, band: tuple[float, float], phases: list[Phase]
+    runs: Mapping[str, Curve], wanted_force: float, scored: list[tuple[float, float]], phases: list[Phase]
 ) -> str:
     """Pressing force [N] and torque about x of the tool, at its tip [N m], over time, by name of the run.
 
-    The first run is drawn in colour, the others as what it is compared with. band: the scored stretch [s].
+    The first run is drawn in colour, the others as what it is compared with. scored: the shaded stretches [s].
     """
     with style.context(STYLE):
         figure = Figure(figsize=(9.6, 5.2), layout="constrained")
@@ -37,21 +38,22 @@ def force_and_torque(
             width, order = (1.8, 5) if i == 0 else (1.1, 2)
             top.plot(run.t, run.force, color=colours[i % 4], lw=width, zorder=order, label=name)
             bottom.plot(run.t, run.torque, color=colours[i % 4], lw=width, zorder=order, label=name)
+        t = next(iter(runs.values())).t
+        end = scored[-1][1] if scored else float(t[-1])
         top.annotate(
-            f"wanted {wanted_force:g} N", (band[1], wanted_force), xytext=(4, 4), textcoords="offset points", color=INK
+            f"wanted {wanted_force:g} N", (end, wanted_force), xytext=(4, 4), textcoords="offset points", color=INK
         )
         for axis, wanted, label in ((top, wanted_force, "pressing force [N]"), (bottom, 0.0, "torque [N m]")):
             axis.axhline(wanted, color=INK, lw=1.0, ls=(0, (4, 3)), zorder=6)
             axis.set_ylabel(label)
-            axis.axvspan(*band, color=BLUE, alpha=0.06, lw=0)
+            _shade(axis, scored)
         top.set_ylim(min(-0.08 * wanted_force, -0.5), 1.6 * wanted_force)
         _name_phases(top, phases)
         handles, labels = top.get_legend_handles_labels()
         bottom.legend(handles[::-1], labels[::-1], loc="upper left", ncols=4, fontsize=9)
         bottom.set_xlabel("time [s]")
-        t = next(iter(runs.values())).t
         top.set_xlim(float(t[0]), float(t[-1]))
-        torques = [np.abs(run.torque[(run.t >= band[0]) & (run.t <= band[1])]) for run in runs.values()]
+        torques = [np.abs(run.torque[_within(run.t, scored)]) for run in runs.values()]
         worst = max([0.1, *(float(np.percentile(q, 99, method="nearest")) for q in torques if q.size)])
         bottom.set_ylim(-1.3 * worst, 1.6 * worst)
         return svg(figure)
@@ -67,10 +69,10 @@ def path_on_table(recording: Recording, phase: str) -> str:
         return svg(figure)
 
 
-def true_and_believed(run: BeliefCurves, band: tuple[float, float], phases: list[Phase]) -> str:
+def true_and_believed(run: BeliefCurves, scored: list[tuple[float, float]], phases: list[Phase]) -> str:
     """True, believed and wanted pressing force [N] over time, and below what truth and belief differ by.
 
-    The band is of BAND stated deviations either way. band: the scored stretch [s].
+    The band is of BAND stated deviations either way. scored: the shaded stretches [s].
     """
     with style.context(STYLE):
         figure = Figure(figsize=(9.6, 5.6), layout="constrained")
@@ -86,13 +88,13 @@ def true_and_believed(run: BeliefCurves, band: tuple[float, float], phases: list
         bottom.axhline(0.0, color=ORANGE, lw=1.0, zorder=3)
         size = max(float(np.abs(run.wanted).max()), 0.5)
         top.set_ylim(-0.12 * size, 1.6 * size)
-        inside = (run.t >= band[0]) & (run.t <= band[1])
+        inside = _within(run.t, scored)
         both = np.concatenate([np.abs(run.true - run.believed)[inside], wide[inside]])
         most = float(np.percentile(both, 99)) if both.size else 0.1 * size
         bottom.set_ylim(-1.5 * most - 0.05, 1.5 * most + 0.05)
         for axis, name in ((top, "pressing force [N]"), (bottom, "true - believed [N]")):
             axis.set_ylabel(name)
-            axis.axvspan(*band, color=BLUE, alpha=0.06, lw=0)
+            _shade(axis, scored)
         _name_phases(top, phases)
         top.legend(loc="upper left", fontsize=9)
         bottom.set_xlabel("time [s]")
@@ -125,6 +127,16 @@ def _coordinates(poses: Array) -> Array:
     """(N, 6) x, y, z [mm], roll, pitch, yaw [deg] of poses (N, 4, 4)."""
     rpy = np.array([rpy_from_rotation(X[:3, :3]) for X in poses])
     return np.hstack([1e3 * poses[:, :3, 3], np.rad2deg(rpy)])
+
+
+def _within(t: Array, stretches: list[tuple[float, float]]) -> NDArray[np.bool_]:
+    """Mask (n,) of the times (n,) that lie in one of the stretches."""
+    return np.array([any(start <= s <= end for start, end in stretches) for s in t], bool)
+
+
+def _shade(axis: Axes, stretches: list[tuple[float, float]]) -> None:
+    for start, end in stretches:
+        axis.axvspan(start, end, color=BLUE, alpha=0.06, lw=0)
 
 
 def _name_phases(axis: Axes, phases: list[Phase]) -> None:

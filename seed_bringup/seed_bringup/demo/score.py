@@ -62,10 +62,10 @@ def belief_of(recording: Recording) -> BeliefCurves:
     return BeliefCurves(recording["t"], force, believed, recording["stated_force"][:, 2], wanted)
 
 
-def scored_stretch(phases: list[Phase], name: str, contact: float) -> tuple[float, float]:
-    """The stretch of time [s] that the score is of: the named phases, from 2 s after first contact [s]."""
-    scored = [p for p in phases if counts_as(p.name, name)] or phases[-2:-1] or phases
-    return min(max(scored[0].start, contact + SETTLING), scored[-1].end), scored[-1].end
+def scored_stretches(phases: list[Phase], name: str, contact: float) -> list[tuple[float, float]]:
+    """The stretches of time [s] that the score is of: the named phases, from 2 s after first contact [s]."""
+    start = contact + SETTLING
+    return [(max(p.start, start), p.end) for p in phases if counts_as(p.name, name) and p.end > start]
 
 
 def recording_of(series: dict[str, Series], task: Task, X_Ttip: Array, phases: list[Phase]) -> Recording:

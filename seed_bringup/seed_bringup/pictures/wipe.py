@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from seed_bringup.demo.figures import force_and_torque
-from seed_bringup.demo.score import Phase, curve_of, scored_stretch
+from seed_bringup.demo.score import Phase, curve_of, scored_stretches
 from seed_sim import evaluate
 
 SEED, FORCE = 11, 10.0  # [1], [N]
@@ -23,8 +23,8 @@ def picture(estimator: str = "rigid_fit") -> str:
     own = runs["SEED"]
     times = {name: own["t"][own["phase"] == i] for i, name in enumerate(own.phases)}
     phases = [Phase(name, float(t[0]), float(t[-1])) for name, t in times.items() if t.size]
-    band = scored_stretch(phases, "wipe", own.contact_time or 0.0)
-    return force_and_torque({name: curve_of(recording) for name, recording in runs.items()}, FORCE, band, phases)
+    scored = scored_stretches(phases, "wipe", own.contact_time or 0.0)
+    return force_and_torque({name: curve_of(recording) for name, recording in runs.items()}, FORCE, scored, phases)
 
 
 if __name__ == "__main__":
