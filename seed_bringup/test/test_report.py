@@ -203,6 +203,10 @@ def test_nothing_is_shaded_of_a_task_that_ended_before_it_was_scored() -> None:
     assert scored_stretches(phases, "wipe", contact=1.5) == []
 
 
+def test_the_curves_of_the_pose_claim_no_images(report: Report) -> None:
+    assert "images" not in report.pose_figure  # with --estimator truth there are none; the caption has the source
+
+
 def test_the_share_in_the_band_is_that_of_the_stated_deviation() -> None:
     """Errors of deviation 0.3 lie within twice 0.3 for 95.4 % of the time, within twice 0.15 for 68.3 %."""
     n, rng = 20000, np.random.default_rng(3)

@@ -103,14 +103,14 @@ def true_and_believed(run: BeliefCurves, scored: list[tuple[float, float]], phas
 
 
 def relative_pose(estimate: Series, truth: Series, phases: list[Phase]) -> str:
-    """The six coordinates of X_CT: as estimated from the images, and as they are."""
+    """The six coordinates of X_CT: as estimated, and as they are."""
     with style.context(STYLE):
         figure = Figure(figsize=(9.6, 4.6), layout="constrained")
         grid = figure.subplots(2, 3, sharex=True)
         estimated, true = _coordinates(estimate.values), _coordinates(truth.values)
         for i, (axis, (name, unit)) in enumerate(zip(grid.flat, AXES, strict=True)):
             axis.plot(truth.t, true[:, i], color=GREY, lw=2.6, label="truth", zorder=2)
-            axis.plot(estimate.t, estimated[:, i], color=BLUE, lw=1.1, label="from images", zorder=3)
+            axis.plot(estimate.t, estimated[:, i], color=BLUE, lw=1.1, label="estimate", zorder=3)
             axis.set_title(f"{name} [{unit}]", fontsize=10, loc="left", color=INK)
             span = max(float(np.ptp(true[:, i])), 0.5)
             middle = 0.5 * float(true[:, i].max() + true[:, i].min())
