@@ -207,6 +207,12 @@ def test_the_curves_of_the_pose_claim_no_images(report: Report) -> None:
     assert "images" not in report.pose_figure  # with --estimator truth there are none; the caption has the source
 
 
+def test_the_report_says_that_baselines_are_scored_over_a_stretch_of_their_own(report: Report) -> None:
+    words = "each is scored over this phase of its own run"
+    assert words in report.html()
+    assert words not in replace(report, scores={"seed": a_score(0.12)}).html()
+
+
 def test_the_share_in_the_band_is_that_of_the_stated_deviation() -> None:
     """Errors of deviation 0.3 lie within twice 0.3 for 95.4 % of the time, within twice 0.15 for 68.3 %."""
     n, rng = 20000, np.random.default_rng(3)

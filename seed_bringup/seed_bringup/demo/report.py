@@ -41,8 +41,10 @@ PATH = "Seen from above, in the work frame: where the tip was to go, and where i
 EXPLAINED = {
     "open_loop": "For comparison, <b>open loop</b>: the arm follows the taught path and nobody looks at the force.",
     "welded": "And <b>welded</b>: the tool is bolted to the gripper, without anything soft between, and the force is "
-    "controlled with an ideal force sensor; what is lost without the bubbles' softness shows in its torque.",
+    "controlled with an ideal force sensor; where the tool touches with more than a point, its torque shows what is "
+    "lost without the bubbles' softness.",
 }
+SHIFTED = "Their curves are moved so that first contact coincides; each is scored over this phase of its own run."
 NAMES = {
     "seed": ("SEED", ""),
     "open_loop": ("open loop", "the taught path, barely touching the table where it should be"),
@@ -86,6 +88,7 @@ class Report:
         template = Template(files("seed_bringup").joinpath("templates/report.html").read_text(encoding="utf-8"))
         own = next(iter(self.scores.values()))
         cards = [(_number(own, c), c) for c in _columns(self.scores) if c.card]
+        explained = [EXPLAINED[name] for name in self.scores if name in EXPLAINED]
         details = {name: escape(value) for name, value in self.details.items()}
         return template.substitute(
             title=escape(self.title),
@@ -94,7 +97,7 @@ class Report:
             verdict_class="" if self.held else "no",
             story=self._story(),
             phase=escape(self.phase),
-            compared=" ".join(EXPLAINED[name] for name in self.scores if name in EXPLAINED),
+            compared=" ".join((*explained, SHIFTED)) if explained else "",
             path=_section("Path on the table", PATH, self.path_figure) if self.path_figure else "",
             cards="".join(f'<div class="card"><b>{n} {c.unit}</b><span>{c.name}</span></div>' for n, c in cards),
             hidden=_section("A hidden world", escape(self.hidden)) if self.hidden else "",
