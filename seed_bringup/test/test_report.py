@@ -3,6 +3,8 @@
 
 import multiprocessing
 import re
+import shlex
+import shutil
 import signal
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -211,6 +213,14 @@ def test_the_report_says_that_baselines_are_scored_over_a_stretch_of_their_own(r
     words = "each is scored over this phase of its own run"
     assert words in report.html()
     assert words not in replace(report, scores={"seed": a_score(0.12)}).html()
+
+
+def test_the_command_in_the_report_can_be_typed_again_whatever_the_task_is_called(tmp_path: Path) -> None:
+    task = tmp_path / "my wipe.yaml"
+    shutil.copy(Path(__file__).parents[2] / "seed_control/config/tasks/squeegee.yaml", task)
+    words = ["--task", str(task), "--estimator", "truth", "--out", str(tmp_path / "out")]
+    command = plan(_parser().parse_args(words)).command
+    assert _parser().parse_args(shlex.split(command)[2:]).task == str(task)
 
 
 def test_the_share_in_the_band_is_that_of_the_stated_deviation() -> None:

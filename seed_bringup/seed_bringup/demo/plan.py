@@ -2,6 +2,7 @@
 """The plan of a demo: its options and all that they name, checked before anything starts."""
 
 import argparse
+import shlex
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -47,7 +48,7 @@ class Plan:
         words += [] if o.law == "seed" else ["--law", o.law]
         words += ["--camera-rate", f"{o.camera_rate:g}"] if o.camera_rate else []
         words += [f"robot:=ur robot_ip:={self.robot['robot_ip']}"] if self.robot["robot"] == "ur" else []
-        return " ".join(map(str, words))
+        return " ".join(word if ":=" in word else shlex.quote(word) for word in map(str, words))
 
 
 def standin_address(domain: int) -> str:
