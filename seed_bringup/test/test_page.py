@@ -70,6 +70,8 @@ def test_a_cell_that_has_gone_silent_is_told_whatever_it_said_last() -> None:
     found = words.headline(CellState(now=1.0, control=control("contact"), silent=7.0))
     assert (found.level, found.word) == ("bad", "Cell is silent")
     assert "7 s" in found.text
+    idle = CellState(now=1.0, control=control("idle"), grasp=HELD, silent=7.0)
+    assert words.next_button(idle) == "", "no button leads on, so none is in colour"
 
 
 @pytest.mark.parametrize(

@@ -100,7 +100,7 @@ def headline(state: CellState, live: bool = True) -> Headline:
 def next_button(state: CellState) -> str:
     """The button that leads on from here; empty: none."""
     control, grasp = state.control, state.grasp
-    if not state.alive or control is None:
+    if not state.alive or control is None or state.silent > SILENT:
         return ""
     if control.enabled and control.mode != "holding":
         return PLAY
