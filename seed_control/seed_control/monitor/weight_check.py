@@ -5,9 +5,9 @@ At rest in free space the spring carries the weight: w_spring + w_weight = 0, ab
 An offset of the pose shows at once, a wrong stiffness in proportion to the weight, and both apart as the arm turns.
 
 Whether the tool hangs free is known late and not for certain: a touch is told only once it is strong enough. So a
-sample waits before it counts. A correction learns from it only if the tip had travelled along the difference since it
-was as it is, which a touch would have changed, and if the difference is still there after the wait: a support that
-carries the tool (a holder, the hand that gave it) lets go of it as the arm moves off.
+sample waits before it counts, and a correction learns from it only if the tip had travelled along the difference by
+then, which a touch would have changed, and if the difference is still there after the wait: a support that carries the
+tool (a holder, the hand that gave it) lets go of it as the arm moves off.
 """
 
 from collections import deque
@@ -37,8 +37,7 @@ class FreeSpaceSample(NamedTuple):
 
     Attributes:
         spring: (6,) as the model tells it, uncorrected, in T. load: (6,) what the weight asks for.
-        random, systematic: (6, 6) covariances of their difference. travelled: (3,) [m] of the tip in the air by then,
-            since the force's difference was another.
+        random, systematic: (6, 6) covariances of their difference. travelled: (3,) [m] of the tip in the air by then.
         verified: a touch or a support is ruled out.
     """
 
@@ -79,8 +78,7 @@ class WeightCheck:
         """What was found is told no longer."""
         self._waiting.clear()
         self._test.reset()
-        self._low, self._high = np.full(3, inf), np.full(3, -inf)  # of the tip in free space ...
-        self._stood = np.full(3, inf)  # ... since the force's difference is about this [N]
+        self._low, self._high = np.full(3, inf), np.full(3, -inf)  # of the tip in free space
         self._before: tuple[float, Array] | None = None
         self.passed, self.reason = [], ""
 
@@ -120,13 +118,11 @@ class WeightCheck:
             self._test.reset()
             self._low, self._high = np.full(3, inf), np.full(3, -inf)
             return  # the reason stays: what was found while it hung free is not mended by pressing
-        load, noise = -weight.vector(), 4.0 * np.sqrt(random.diagonal()[3:])
-        difference = (told - load)[3:]
-        if (np.abs(difference - self._stood) > noise + self._tolerance).any():
-            self._stood, self._low, self._high = difference, m.tip.copy(), m.tip.copy()
         self._low, self._high = np.minimum(self._low, m.tip), np.maximum(self._high, m.tip)
+        noise = 4.0 * np.sqrt(random.diagonal()[3:])
         if before is None or (np.abs(told - before[1])[3:] > _SETTLED * (m.stamp - before[0]) + noise).any():
             return
+        load = -weight.vector()
         self._waiting.append(FreeSpaceSample(m, told, load, random, self._systematic(weight), self._high - self._low))
         while self._waiting and self._waiting[0].m.stamp <= m.stamp - WAIT:
             self._take(self._waiting.popleft(), told - load)
