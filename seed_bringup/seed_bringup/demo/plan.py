@@ -41,14 +41,14 @@ class Plan:
     def command(self) -> str:
         """What to type to get this again."""
         o = self.options
-        words = ["./seed demo", "--task", o.task, "--seed", o.seed, "--estimator", o.estimator]
+        words = ["./seed", "demo", "--task", o.task, "--seed", o.seed, "--estimator", o.estimator]
         words += ["--world", "hidden" if self.hidden else "known"]
         words += [] if o.force is None else ["--force", f"{o.force:g}"]
         words += [] if o.scenario is None else ["--scenario", o.scenario]
         words += [] if o.law == "seed" else ["--law", o.law]
         words += ["--camera-rate", f"{o.camera_rate:g}"] if o.camera_rate else []
-        words += [f"robot:=ur robot_ip:={self.robot['robot_ip']}"] if self.robot["robot"] == "ur" else []
-        return " ".join(word if ":=" in word else shlex.quote(word) for word in map(str, words))
+        words += ["robot:=ur", f"robot_ip:={self.robot['robot_ip']}"] if self.robot["robot"] == "ur" else []
+        return shlex.join(map(str, words))
 
 
 def standin_address(domain: int) -> str:
