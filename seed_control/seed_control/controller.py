@@ -42,7 +42,7 @@ from seed_core.wrench_settings import ReferenceSettings
 LAW_CLASSES: dict[str, type[PublishedLaw]] = {"seed": HybridLaw, "plain": HybridLaw, "published": PublishedLaw}
 
 
-DOUBTED = 1.25  # times a new stiffness, or over that, a set-point must be possible: one that follows the grip varies
+DOUBTED = 1.25  # a new stiffness may be off by this factor either way: one that follows the grip varies
 ANOTHER = 0.05  # by which a stiffness differs that is another, not one that follows the grip
 AWAY = 0.02, 0.2  # [m], [rad] beyond its trailing: such an arm was moved, or held, by something else
 

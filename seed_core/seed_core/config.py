@@ -30,7 +30,7 @@ RENAMED = {  # parameters of former releases, refused with the name that they ha
     "max_turning_step": "max_angular_step",
 }
 MAX_BYTES = 10_000_000  # a configuration file larger than this is not one
-_SURPRISING = re.compile(r"[-+]?(0[0-7_]+$|[0-9].*:)")  # octal 010 and sexagesimal 1:30 of YAML 1.1
+_OTHER_BASE = re.compile(r"[-+]?(0[0-7_]+$|[0-9].*:)")  # octal 010 and sexagesimal 1:30 of YAML 1.1
 SPARE_VALUES = 100_000  # that aliases may add to a text, which has at most one value for each of its characters
 
 
@@ -128,7 +128,7 @@ class _Parser:
 
     def _scalar(self, node: yaml.Node) -> Any:
         value = self._loader.construct_object(node)
-        if isinstance(value, int | float) and _SURPRISING.match(node.value):
+        if isinstance(value, int | float) and _OTHER_BASE.match(node.value):
             raise ConfigError(
                 f"{self._source}:{node.start_mark.line + 1}: YAML reads {node.value} as {value:g}: write {value:g} if "
                 "that is meant; a number has no leading zero and no colon"

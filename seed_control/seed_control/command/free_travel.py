@@ -11,7 +11,7 @@ from functools import partial
 from math import copysign
 
 from seed_control.law.contact import ForceShare
-from seed_control.law.directions import SAME
+from seed_control.law.directions import SAME_DIRECTION
 from seed_core.spatial import Array
 from seed_core.vector3 import ZERO, Vector3, as_vector3, dot, minus, plus_scaled
 
@@ -111,7 +111,7 @@ class FreeTravel:
             normals: (m, 3) the force directions.
         """
         if len(self._ways) != len(normals) or any(
-            dot(way.along, as_vector3(n)) ** 2 < SAME for way, n in zip(self._ways, normals, strict=True)
+            dot(way.along, as_vector3(n)) ** 2 < SAME_DIRECTION for way, n in zip(self._ways, normals, strict=True)
         ):
             self._ways = [_Way(p_WC, as_vector3(n)) for n in normals]
             self._recent.clear()

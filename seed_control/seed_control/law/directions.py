@@ -7,7 +7,7 @@ from seed_core.spatial import Array, length
 
 WORLD = np.eye(3)
 _ALIKE = 9  # decimals to which equal shares of two axes are equal
-SAME = 0.7  # square of the cosine: a direction that has turned further than 33 degrees is another one
+SAME_DIRECTION = 0.7  # square of the cosine: a direction that has turned further than 33 degrees is another one
 
 
 def force_directions(P: Array, before: Array | None, axes: Array = WORLD) -> tuple[Array, bool]:
@@ -24,7 +24,7 @@ def force_directions(P: Array, before: Array | None, axes: Array = WORLD) -> tup
     m = round(float(P[0, 0] + P[1, 1] + P[2, 2]))
     if before is not None and len(before) == m:
         turned = before @ P
-        if all(float(new @ old) > SAME for new, old in zip(turned, before, strict=True)):
+        if all(float(new @ old) > SAME_DIRECTION for new, old in zip(turned, before, strict=True)):
             return _orthonormal(turned, m), True
     if m == 3:
         return np.eye(3), False
