@@ -2,6 +2,9 @@
 """The buttons of the operator page against nodes that answer, refuse or are silent; and the page of a bag."""
 
 import contextlib
+import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -431,6 +434,16 @@ def test_without_a_cell_every_button_says_so(hands: CellHands) -> None:
     until(lambda: "emergency stop" in words(hands))
     assert not any(good for good, _ in hands.said)
     assert all("does the cell run" in text or "emergency" in text for _, text in hands.said)
+
+
+def test_ctrl_c_ends_the_page_of_a_cell_with_130_as_every_command() -> None:
+    program = "import sys; from seed_bringup.commands.view import main; sys.exit(main(['--port', '0']))"
+    page = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert page.stdout is not None
+    assert "http://" in page.stdout.readline()
+    time.sleep(1.5)  # in its first moments the middleware may crash when it is ended
+    page.send_signal(signal.SIGINT)
+    assert (page.communicate(timeout=20.0)[1], page.returncode) == ("seed view: interrupted\n", 130)
 
 
 def test_a_message_that_is_nonsense_is_left_out_and_the_others_are_shown() -> None:

@@ -34,7 +34,9 @@ def main(argv: list[str]) -> int:
     join(options)
     with leaving_at_once("view"):
         from seed_bringup.page.ros.node import serve
-    return serve(in_root(options.namespace), options.port, options.model, tasks)
+    if failed := serve(in_root(options.namespace), options.port, options.model, tasks):
+        return failed
+    raise KeyboardInterrupt  # it serves until then
 
 
 def _play(options: argparse.Namespace) -> int:
