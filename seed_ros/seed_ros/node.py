@@ -5,6 +5,7 @@ A node reads from top to bottom: parameters, outputs, inputs, services, then wha
 Mathematics is in the cores, which know nothing of ROS.
 """
 
+import contextlib
 import gc
 import inspect
 import os
@@ -270,6 +271,7 @@ def run(create: Callable[[], SeedNode], argv: list[str] | None = None) -> int:
         starting = False  # Ctrl-C comes twice below `ros2 launch`: the node is ending
         if node is not None:
             node.destroy_node()
-        rclpy.try_shutdown()
+        with contextlib.suppress(RuntimeError):  # rclpy's own thread may end the context in the same moment
+            rclpy.try_shutdown()
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Python's own end would let it kill
     return 0

@@ -194,6 +194,22 @@ def test_a_node_interrupted_again_while_it_ends_ends_without_a_trace() -> None:
     assert (process.returncode, errors) == (0, "")
 
 
+def test_a_node_whose_context_rclpy_ends_in_the_same_moment_ends_without_a_trace() -> None:
+    """rclpy ends it by a thread of its own after Ctrl-C, also between the look whether it runs and the shutdown."""
+    late = (
+        "import rclpy.context\n"
+        "rclpy.context.Context.try_shutdown = lambda c: [c._Context__context.shutdown() for _ in range(2)]\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", late + NODE], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "spinning\n"
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=10.0)
+    assert (process.returncode, errors) == (0, "")
+
+
 def test_a_parameter_file_that_cannot_be_read_is_named_without_a_trace(tmp_path: Path) -> None:
     file = tmp_path / "parameters.yaml"
     file.write_text("/**:\n  ros__parameters:\n    max_speed: [1\n")
