@@ -327,3 +327,13 @@ def test_another_stiffness_rescales_what_was_learnt_and_nothing_else() -> None:
     assert before == pytest.approx(3.0, abs=0.2)
     correction.rescale(np.array((1.0, 1.3, 1.0)))
     assert correction.mismatch(np.array((0, 0, 0, 0, 13.0, 0)))[0][4] == pytest.approx(0.0, abs=0.3)
+
+
+def test_what_a_tool_is_lowered_onto_is_no_wrong_zero() -> None:
+    bench = Bench(noise=1e-4).enabled()
+    touching = DOWN.copy()
+    touching[2, 3] = -1.5e-3  # into the table
+    bench.controller.set_setpoint(HybridSetpoint(touching), bench.t)
+    state = bench.run(5.0)
+    assert bench.force > 3.0
+    assert_allclose(state.filtered.force[2], -bench.force, atol=0.2)

@@ -5,9 +5,9 @@ At rest in free space the spring carries the weight: w_spring + w_weight = 0, ab
 An offset of the pose shows at once, a wrong stiffness in proportion to the weight, and both apart as the arm turns.
 
 Whether the tool hangs free is known late and not for certain: a touch is told only once it is strong enough. So a
-sample waits before it counts, and a correction learns from it only if the tip had travelled along the difference by
-then, which a touch would have changed, and if the difference is still there after the wait: a support that carries the
-tool (a holder, the hand that gave it) lets go of it as the arm moves off.
+sample waits before it counts. A correction learns from it only if the difference was the same where the tip had been
+before, some way off along it, which a touch would have changed, and if it is still there after the wait: a support that
+carries the tool (a holder, the hand that gave it) lets go of it as the arm moves off.
 """
 
 from collections import deque
@@ -24,8 +24,10 @@ from seed_core.wrench_settings import ReferenceSettings
 
 WAIT = 0.4  # [s] before a sample counts: a touch is contact by then
 CLEAR = 5e-3  # [m] that the tip comes away from where it touched before it counts as free again
-TRAVEL = 4e-3  # [m] of the tip along a difference after which it is no touch
-STAYS = 0.25  # of a difference, by which it may change during the wait, beyond one deviation
+TRAVEL = 4e-3  # [m] of the tip along a difference, from which on a touch would have changed it
+PLACES, APART = 100, 1e-3  # of the tip in the air that are remembered, [m] from one to the next
+COMPARED = 5  # of them, the last that lie so far off
+STAYS = 0.25  # of a difference, by which it may change and be the same still, beyond one deviation
 MOVED = 5e-3  # [m] of the grasp's centre since it was taken, before which the tool may still stand in its holder
 GOES = 0.5  # of a difference, by which it shrinks where a support has let go, beyond one deviation
 _SETTLED = 2.0  # [N] per second by which a hanging tool's spring may change
@@ -37,7 +39,7 @@ class FreeSpaceSample(NamedTuple):
 
     Attributes:
         spring: (6,) as the model tells it, uncorrected, in T. load: (6,) what the weight asks for.
-        random, systematic: (6, 6) covariances of their difference. travelled: (3,) [m] of the tip in the air by then.
+        random, systematic: (6, 6) covariances of their difference.
         verified: a touch or a support is ruled out.
     """
 
@@ -46,8 +48,7 @@ class FreeSpaceSample(NamedTuple):
     load: Array
     random: Array
     systematic: Array
-    travelled: Array
-    verified: bool = False
+    verified: bool
 
 
 class WeightCheck:
@@ -64,6 +65,9 @@ class WeightCheck:
         self._mass = settings.mass_deviation * tool.mass * GRAVITY  # [N]
         self._lever = 1e-3 * settings.centre_deviation  # [m]
         self._waiting: deque[FreeSpaceSample] = deque()
+        self._places: deque[tuple[Array, Array]] = deque(
+            maxlen=PLACES
+        )  # tip in W [m], force of the difference in T [N]
         self._touched: tuple[Array, Array] | None = None  # tip and direction of the last touch
         self.passed: list[FreeSpaceSample] = []
         self.new_grasp()
@@ -78,7 +82,7 @@ class WeightCheck:
         """What was found is told no longer."""
         self._waiting.clear()
         self._test.reset()
-        self._low, self._high = np.full(3, inf), np.full(3, -inf)  # of the tip in free space
+        self._places.clear()
         self._before: tuple[float, Array] | None = None
         self.passed, self.reason = [], ""
 
@@ -116,14 +120,16 @@ class WeightCheck:
         if not self.free(m, in_contact):
             self._waiting.clear()
             self._test.reset()
-            self._low, self._high = np.full(3, inf), np.full(3, -inf)
+            self._places.clear()
             return  # the reason stays: what was found while it hung free is not mended by pressing
-        self._low, self._high = np.minimum(self._low, m.tip), np.maximum(self._high, m.tip)
+        load = -weight.vector()
+        if not self._places or length(m.tip - self._places[-1][0]) > APART:
+            self._places.append((m.tip, (told - load)[3:]))
         noise = 4.0 * np.sqrt(random.diagonal()[3:])
         if before is None or (np.abs(told - before[1])[3:] > _SETTLED * (m.stamp - before[0]) + noise).any():
             return
-        load = -weight.vector()
-        self._waiting.append(FreeSpaceSample(m, told, load, random, self._systematic(weight), self._high - self._low))
+        no_touch = self._was_elsewhere(m, (told - load)[3:], random[3:, 3:])
+        self._waiting.append(FreeSpaceSample(m, told, load, random, self._systematic(weight), no_touch))
         while self._waiting and self._waiting[0].m.stamp <= m.stamp - WAIT:
             self._take(self._waiting.popleft(), told - load)
         if not self._test.significant:
@@ -131,9 +137,19 @@ class WeightCheck:
         elif self._moved and self._test.to_be_told(m.stamp):
             self.reason = (
                 "while the tool hangs free or is still carried, the grasp's wrench differs from the tool's weight of "
-                f"{self._tool.mass * GRAVITY:.2f} N {self._test.told()}: is tool.mass right, the stiffness, "
-                "and was the grasp taken free of load?"
+                f"{self._tool.mass * GRAVITY:.2f} N {self._test.told()}: does something touch it, "
+                "is tool.mass right, the stiffness, and was the grasp taken free of load?"
             )
+
+    def _was_elsewhere(self, m: Measurement, d: Array, random: Array) -> bool:
+        """Whether a difference of the force d (3,) in T was the same where the tip had been, along it, before."""
+        size = length(d)
+        tips, forces = (np.array(of) for of in zip(*self._places, strict=True))
+        away = np.abs((tips - m.tip) @ (m.X_WT[:3, :3] @ d)) > TRAVEL * size
+        before = forces[away][-COMPARED:]
+        if not len(before):
+            return False
+        return abs(float((before.mean(axis=0) - d) @ d)) <= STAYS * size**2 + float(np.sqrt(d @ random @ d))
 
     def _take(self, s: FreeSpaceSample, now: Array) -> None:
         """A sample that has waited; now: (6,) the difference at present."""
@@ -145,11 +161,7 @@ class WeightCheck:
         if float(d @ d) > self._tolerance**2 and change < -GOES * float(d @ d) - noise:
             self._test.reset()  # what was found of a tool that something carried says nothing of one that hangs
         self._test.add(s.m.stamp, difference, s.random, s.systematic)
-        mean = difference if self._test.difference is None else self._test.difference.mean
-        force = s.m.X_WT[:3, :3] @ mean[3:]
-        size = length(force)
-        travelled = float(np.abs(force) @ s.travelled) / size if size > 0.0 else inf
-        self.passed.append(s._replace(verified=stays and travelled > TRAVEL))
+        self.passed.append(s._replace(verified=stays and s.verified))
 
     def _systematic(self, weight: Wrench) -> Array:
         """(6, 6) by mass and centre of mass."""
