@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Programs and the dashboard's sentences, without sockets."""
 
+import numpy as np
 import pytest
 
 from seed_ur.standin import dashboard
@@ -9,6 +10,31 @@ from seed_ur.standin.options import STOPPED, Options
 from seed_ur.standin.script import Script
 
 DT = 0.002
+CONTROL = "def rtde_control():\n# float register offset 0\n"
+
+
+class Rig:
+    """A stand-in with ur_rtde's control script, without sockets."""
+
+    def __init__(self, body: str = "") -> None:
+        self.robot, self.time = Controller(Options()), 0.0
+        self.robot.tick(0.0)
+        assert not self.robot.upload(Script(self.robot, f"{CONTROL}{body}\nend"), 0.0)
+        self.run(0.1)
+
+    def run(self, seconds: float) -> float:
+        """Go on for so long; the largest speed of the TCP [m/s]."""
+        top = 0.0
+        for _ in range(round(seconds / DT)):
+            self.time += DT
+            self.robot.tick(self.time)
+            top = max(top, float(np.linalg.norm(self.robot.publish()[1][:3])))
+        return top
+
+    def command(self, number: int, *numbers: float, background: int = 0) -> None:
+        """Write a command with its registers d0... and i1."""
+        self.robot.in_double[: len(numbers)] = numbers
+        self.robot.in_int[:2] = number, background
 
 
 @pytest.mark.parametrize("end", [Controller.protective_stop, lambda robot: dashboard.answer(robot, "stop")])
@@ -43,3 +69,18 @@ def test_the_dashboard_answers_literally(line: str, pattern: str) -> None:
 def test_old_software_does_not_know_newer_dashboard_commands() -> None:
     robot = Controller(Options(version=(5, 4, 2, 1)))
     assert "could not understand" in dashboard.answer(robot, "is in remote control")
+
+
+def test_a_path_goes_at_its_own_speeds() -> None:
+    """As ur_rtde's Path.toScriptCode() writes it; to a pose, and in a straight line to joint angles."""
+    here = Rig().robot.arm.tcp_pose()
+    up = ",".join(str(v) for v in (*here[:2], here[2] + 0.05, *here[3:]))
+    back = ",".join(map(str, Options().home))
+    path = f"# inject move path\n\tmovel(p[{up}],a=0.5,v=0.02,r=0)\n\tmovel([{back}],a=0.5,v=0.1,r=0)\n"
+    rig = Rig(path)
+    rig.command(45)
+    assert rig.run(2.4) == pytest.approx(0.02, rel=0.05)
+    assert rig.robot.arm.tcp_pose()[2] > here[2] + 0.04
+    assert rig.run(1.5) == pytest.approx(0.1, rel=0.05)
+    assert rig.robot.arm.tcp_pose() == pytest.approx(here, abs=1e-4)
+    assert rig.robot.values["output_int_register_0"] == 2

@@ -18,6 +18,7 @@ from seed_ur.standin.options import PERIOD, ProgramError
 Job: TypeAlias = Callable[[], bool]  # called every cycle until it returns True
 # What a command gives: a job to wait for, numbers for the output double registers, a bool for output_int_register_1.
 Answer: TypeAlias = Job | Sequence[float] | bool | None
+CARTESIAN = ("movel", "movel_fk")  # moves along a straight line in space
 ANOTHER_THREAD = "Another thread is already controlling the robot"
 
 
@@ -89,14 +90,14 @@ class Commands:
         """moveJ, moveJ_IK, moveL, moveL_FK: d0-d5 target, d6 speed, d7 acceleration, i1 in the background."""
         target, (speed, acceleration) = self.doubles(0, 6), self.doubles(6, 2)
         goal = self._goal(kind, target)
-        cartesian = kind in ("movel", "movel_fk")
-        return self._play([lambda: Move(self.robot.arm, goal, speed, acceleration, cartesian)])
+        return self._play([lambda: Move(self.robot.arm, goal, speed, acceleration, kind in CARTESIAN)])
 
     def move_path(self) -> Job | None:
         """movePath: the moves that stand in the script itself."""
 
         def start(m: PathMove) -> Move:
-            return Move(self.robot.arm, self._goal(m.kind, m.target), m.speed, m.acceleration, m.kind == "movel")
+            goal = self._goal(m.kind, m.target)
+            return Move(self.robot.arm, goal, m.speed, m.acceleration, m.kind in CARTESIAN)
 
         return self._play([partial(start, m) for m in self.path])
 

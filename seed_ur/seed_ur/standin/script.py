@@ -28,7 +28,9 @@ _HEAD = re.compile(r"^\s*def\s+(\w+)\s*\(", re.MULTILINE)
 _CHECK = re.compile(r"global step_moving = (\S+)\s+global step_at_rest = (\S+)")  # of seed_driver's program
 _TCP_CHECK = "global poses_of = get_tcp_offset()"  # of the same
 _OFFSET = re.compile(r"# float register offset\s+(\d+)")
-_PATH_MOVE = re.compile(r"^\s*(movej|movel)\((p?)\[([^\]]*)\][^)]*?(?:a=([\d.eE+-]+))?,?\s*(?:v=([\d.eE+-]+))?", re.M)
+_PATH_MOVE = re.compile(r"^\s*(movej|movel)\((p?)\[([^\]]*)\]([^)\n]*)", re.MULTILINE)
+_ACCELERATION, _SPEED = re.compile(r"\ba=([\d.eE+-]+)"), re.compile(r"\bv=([\d.eE+-]+)")  # of one move
+_KINDS = {"movej": "movej", "movejp": "movej_ik", "movelp": "movel", "movel": "movel_fk"}  # p: to a pose
 
 
 class Script:
@@ -113,9 +115,14 @@ def register_offset(value: str | int) -> int:
 
 
 def _path_move(match: re.Match[str]) -> PathMove:
-    numbers = list(checked_pose(match.group(3).split(","), "a move of the path"))
-    kind = "movej_ik" if match.group(1) == "movej" and match.group(2) else match.group(1)
-    return PathMove(kind, numbers, float(match.group(4) or 1.2), float(match.group(5) or 0.25))
+    name, p, target, rest = match.groups()
+    acceleration, speed = _ACCELERATION.search(rest), _SPEED.search(rest)
+    return PathMove(
+        _KINDS[name + p],
+        list(checked_pose(target.split(","), "a move of the path")),
+        float(acceleration.group(1)) if acceleration else 1.2,
+        float(speed.group(1)) if speed else 0.25,
+    )
 
 
 class OtherProgram:
