@@ -84,3 +84,18 @@ def test_a_path_goes_at_its_own_speeds() -> None:
     assert rig.run(1.5) == pytest.approx(0.1, rel=0.05)
     assert rig.robot.arm.tcp_pose() == pytest.approx(here, abs=1e-4)
     assert rig.robot.values["output_int_register_0"] == 2
+
+
+@pytest.mark.parametrize(("feature", "axis"), [(0.0, (1, 0, 0)), (1.0, (0, 1, 0)), (2.0, (0, 0, 1))])
+def test_jogging_goes_along_the_axes_it_is_asked_for_and_ends_soon(feature: float, axis: tuple[int, ...]) -> None:
+    rig, numbers = Rig(), (0.05, 0.0, 0.0, 0.0, 0.0, 0.0)  # the flange points down, its x along y of base
+    rig.command(41, *numbers, feature, 0.5, 0.0, 0.0, 0.0, 0.0, -np.pi / 2, 0.0)
+    rig.run(1.0)
+    assert rig.robot.publish()[1][:3] == pytest.approx(0.05 * np.array(axis), abs=2e-3)
+    rig.command(0)
+    rig.run(DT)
+    before = np.array(rig.robot.arm.tcp_pose()[:3])
+    rig.command(42)
+    rig.run(0.2)
+    assert rig.robot.values["output_int_register_0"] == 2
+    assert np.linalg.norm(rig.robot.arm.tcp_pose()[:3] - before) < 0.003

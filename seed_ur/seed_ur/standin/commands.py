@@ -19,6 +19,7 @@ Job: TypeAlias = Callable[[], bool]  # called every cycle until it returns True
 # What a command gives: a job to wait for, numbers for the output double registers, a bool for output_int_register_1.
 Answer: TypeAlias = Job | Sequence[float] | bool | None
 CARTESIAN = ("movel", "movel_fk")  # moves along a straight line in space
+JOG_BRAKE = 3.6  # [rad/s^2] deceleration of the end of jogging, stopl(1.2) there
 ANOTHER_THREAD = "Another thread is already controlling the robot"
 
 
@@ -177,16 +178,27 @@ class Commands:
             self.robot.arm.motion = Speed(speed, acceleration, duration, cartesian)
 
     def jog(self) -> None:
-        """jogStart: d0-d5 speed."""
-        self.robot.arm.motion = Speed(self.doubles(0, 6), 0.5, 0.0, True)
+        """jogStart: d0-d5 speed, d6 in axes of base (0), TCP (1) or a frame (2), d7 acceleration, d8-d13 that frame."""
+        arm, (feature, acceleration) = self.robot.arm, self.doubles(6, 2)
+        frames = {1.0: arm.tcp_pose(), 2.0: self.doubles(8, 6)}
+        R = matrix_from_pose(frames.get(feature, (0.0,) * 6))[:3, :3]
+        speed = [*(R @ self.doubles(0, 3)).tolist(), *(R @ self.doubles(3, 3)).tolist()]
+        arm.motion = Speed(speed, acceleration, 0.0, True)
+
+    def jog_stop(self) -> Job:
+        """jogStop, which has no arguments; wait until the arm stands."""
+        return self._stop(JOG_BRAKE)
 
     def stop(self) -> Job:
-        """servoStop, speedStop, stopL, stopJ, jogStop: d0 deceleration; wait until the arm stands."""
+        """servoStop, speedStop, stopL, stopJ: d0 deceleration; wait until the arm stands."""
+        return self._stop(self.doubles(0, 1)[0] or 10.0)
+
+    def _stop(self, deceleration: float) -> Job:
         robot = self.robot
         self._background = None
         robot.freedrive = robot.force_mode = False
         self.thread = None
-        robot.arm.motion = Hold(self.doubles(0, 1)[0] or 10.0)
+        robot.arm.motion = Hold(deceleration)
         return lambda: robot.arm.motion.done
 
     def force_mode(self, on: bool) -> None:
@@ -256,7 +268,7 @@ COMMANDS: Mapping[int, Callable[[Commands], Answer]] = {
     10: lambda s: s.speed(cartesian=True),
     11: lambda s: s.servo(cartesian=False),
     12: Commands.servo_circular,
-    **dict.fromkeys((15, 16, 33, 34, 42), Commands.stop),
+    **dict.fromkeys((15, 16, 33, 34), Commands.stop),
     17: Commands.set_payload,
     65: Commands.set_target_payload,
     **dict.fromkeys((18, 52), lambda s: s.freedrive(True)),
@@ -277,6 +289,7 @@ COMMANDS: Mapping[int, Callable[[Commands], Answer]] = {
     39: Commands.pose_trans,
     40: lambda s: s.robot.arm.tcp_offset,
     41: Commands.jog,
+    42: Commands.jog_stop,
     43: lambda s: s.robot.arm.tcp_pose(),
     44: Commands.forward,
     45: Commands.move_path,
