@@ -99,3 +99,16 @@ def test_jogging_goes_along_the_axes_it_is_asked_for_and_ends_soon(feature: floa
     rig.run(0.2)
     assert rig.robot.values["output_int_register_0"] == 2
     assert np.linalg.norm(rig.robot.arm.tcp_pose()[:3] - before) < 0.003
+
+
+@pytest.mark.parametrize("number", [1, 3, 4, 9, 10, 11, 24, 29, 41])
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+def test_a_command_that_no_arm_can_carry_out_ends_the_program_and_moves_nothing(number: int, value: float) -> None:
+    rig = Rig()
+    before = list(rig.robot.arm.q)
+    rig.command(number, *(value,) * 6, 1.0, 1.0, 0.002, 0.1, 300.0)
+    rig.run(0.1)
+    assert rig.robot.runtime_state == STOPPED
+    assert "must be finite" in rig.robot.faults.messages[-1]
+    assert rig.robot.arm.q == before
+    assert not any(rig.robot.arm.tcp_offset)

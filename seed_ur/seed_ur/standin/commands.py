@@ -6,7 +6,6 @@ Doubles d0.. are input_double_registers, integers i1.. input_int_registers, both
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from math import isfinite
 from typing import NamedTuple, TypeAlias
 
 from seed_ur.kinematics import KinematicsError
@@ -19,6 +18,7 @@ Job: TypeAlias = Callable[[], bool]  # called every cycle until it returns True
 # What a command gives: a job to wait for, numbers for the output double registers, a bool for output_int_register_1.
 Answer: TypeAlias = Job | Sequence[float] | bool | None
 CARTESIAN = ("movel", "movel_fk")  # moves along a straight line in space
+LARGEST = 1e4  # of any argument; ur_rtde sends poses as they are given, NaN too
 JOG_BRAKE = 3.6  # [rad/s^2] deceleration of the end of jogging, stopl(1.2) there
 ANOTHER_THREAD = "Another thread is already controlling the robot"
 
@@ -83,9 +83,12 @@ class Commands:
         self.robot.set_output_int(self.offset + 2, word)
 
     def doubles(self, first: int, count: int) -> list[float]:
-        """Arguments d<first>.. of the command."""
+        """Arguments d<first>.. of the command; raises ProgramError where one cannot be."""
         first += self.offset
-        return self.robot.in_double[first : first + count]
+        numbers = self.robot.in_double[first : first + count]
+        if not all(abs(number) <= LARGEST for number in numbers):
+            raise ProgramError(f"the arguments {numbers} of a command must be finite and within +-{LARGEST:g}")
+        return numbers
 
     def move(self, kind: str) -> Job | None:
         """moveJ, moveJ_IK, moveL, moveL_FK: d0-d5 target, d6 speed, d7 acceleration, i1 in the background."""
@@ -138,8 +141,6 @@ class Commands:
         """servoJ, servoL: d0-d5 target, d9 lookahead, d10 gain."""
         robot, target = self.robot, self.doubles(0, 6)
         goal = robot.servo_goal(target) if cartesian else target
-        if not all(map(isfinite, goal)):
-            raise ProgramError(f"servoj: target {goal} is not finite")
         if not self._near(goal):
             return
         if self.thread is not None:
