@@ -6,7 +6,7 @@ import pytest
 
 from seed_ur.standin import dashboard
 from seed_ur.standin.controller import Controller
-from seed_ur.standin.options import STOPPED, Options
+from seed_ur.standin.options import PLAYING, POWER_OFF, RUNNING, SAFETY_FAULT, STOPPED, Options
 from seed_ur.standin.script import Script
 
 DT = 0.002
@@ -112,3 +112,24 @@ def test_a_command_that_no_arm_can_carry_out_ends_the_program_and_moves_nothing(
     assert "must be finite" in rig.robot.faults.messages[-1]
     assert rig.robot.arm.q == before
     assert not any(rig.robot.arm.tcp_offset)
+
+
+def test_power_on_leaves_an_arm_that_runs_as_it_is() -> None:
+    rig = Rig()
+    assert dashboard.answer(rig.robot, "power on") == "Powering on"
+    rig.run(DT)
+    assert rig.robot.robot_mode == RUNNING
+    assert rig.robot.runtime_state == PLAYING
+
+
+def test_a_safety_fault_ends_by_a_restart_alone() -> None:
+    robot = Rig().robot
+    robot.safety_fault()
+    robot.protective_stop()
+    robot.unlock_protective_stop()
+    dashboard.answer(robot, "power on")
+    assert robot.safety_mode == SAFETY_FAULT
+    assert robot.robot_mode == POWER_OFF
+    for line in ("restart safety", "power on", "brake release"):
+        dashboard.answer(robot, line)
+    assert robot.robot_mode == RUNNING

@@ -174,8 +174,7 @@ class Controller:
         """As after a collision."""
         if self.safety_mode == NORMAL:
             self.stopped_at = self.now
-        if self.safety_mode != ROBOT_EMERGENCY:  # a protective stop does not replace an emergency stop
-            self.safety_mode = mode
+        self.safety_mode = max(self.safety_mode, mode)  # neither replaces a graver one
         self.arm.stop(BRAKE)
         self.pending = None
         if self.program is not None and self.options.program_on_stop != "playing":
@@ -213,10 +212,12 @@ class Controller:
         return True
 
     def power(self, on: bool) -> None:
-        """Power of the arm; the brakes are released separately."""
-        self.robot_mode = IDLE if on else POWER_OFF
+        """Power of the arm; the brakes are released separately. An arm that has it goes on as it is."""
         if not on:
+            self.robot_mode = POWER_OFF
             self.stop_program()
+        elif self.robot_mode == POWER_OFF and self.safety_mode not in (ROBOT_EMERGENCY, SAFETY_FAULT):
+            self.robot_mode = IDLE
 
     def release_brakes(self) -> bool:
         """From powered or idle to running."""
