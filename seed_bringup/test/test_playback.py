@@ -142,3 +142,17 @@ def test_a_bag_with_truth_is_validated_by_the_command(tmp_path: Path, capsys: py
     assert max(out["rmse"][name] for name in ("roll_deg", "pitch_deg", "yaw_deg")) < 0.8
     assert validate.main(["estimator", "--method", "published", "--from", str(bag), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["rmse"]["z_mm"] > 0.2  # along a long cylinder it is blind
+
+
+def test_a_tool_that_is_released_is_scored_as_long_as_it_is_held(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    renderer = tactile.TactileRenderer(tactile.TactileParameters(), Hand(), seed=8)
+    held = [motion(max(0, i - 12) / 24) for i in range(25)]
+    again = [np.eye(4)] * 10
+    bag = write_bag(tmp_path / "released.mcap", renderer, START, [*[None] * 22, *held, *[None] * 15, *again])
+    assert validate.main(["estimator", "--from", str(bag), "--json"]) == 0
+    out = json.loads(capsys.readouterr().out)
+    assert out["frames"] == 17
+    assert out["valid_fraction"] == 1.0
+    assert max(out["rmse"][name] for name in ("x_mm", "y_mm", "z_mm")) < 0.2

@@ -2,10 +2,11 @@
 """An estimator over a bag that holds the images of the bubbles and the true pose of the tool.
 
 The truth says when nothing is held (not valid) and when the grasp begins (valid from there on): images before it are
-the reference, those right after it the grasp.
+the reference, those right after it the grasp. The score ends where the truth is not valid any more.
 """
 
 from bisect import bisect_left
+from itertools import dropwhile, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -88,13 +89,13 @@ def run_bag(path: Path, method: str, scenario: Scenario) -> Series:
             f"{path}: needs bubble_left or bubble_right with depth/image_rect_raw, ir/image_rect_raw and "
             f"depth/camera_info, and {TRUTH}; record with all topics"
         )
-    truth = [(t, X) for t, X in content.truth if X is not None]
+    truth = _grasp(content.truth)
     if not truth:
         raise BagDataError(f"{path}: the true pose is never valid: no tool was held while this was recorded")
     times, poses = zip(*truth, strict=True)
-    begun = [next(iter(f.values())).stamp >= times[0] for f in frames]
-    still = [f for f, held in zip(frames, begun, strict=True) if not held][-REFERENCE_FRAMES:]
-    held = [f for f, held in zip(frames, begun, strict=True) if held]
+    stamps = [next(iter(f.values())).stamp for f in frames]
+    still = [f for f, t in zip(frames, stamps, strict=True) if t < times[0]][-REFERENCE_FRAMES:]
+    held = [f for f, t in zip(frames, stamps, strict=True) if times[0] <= t <= times[-1] + _PAIRED]
     if not still or len(held) <= GRASP_FRAMES:
         raise BagDataError(
             f"{path}: {len(still)} pairs of images before the grasp and {len(held)} after it; a reference without "
@@ -109,6 +110,12 @@ def run_bag(path: Path, method: str, scenario: Scenario) -> Series:
         stamp = max(i.stamp for i in images.values())
         series.estimate(estimator, images, stamp, _pose_at(stamp, times, poses) @ inverse_pose(X_grasp))
     return series
+
+
+def _grasp(truth: list[tuple[float, Array | None]]) -> list[tuple[float, Array]]:
+    """Times and poses of the first grasp: what is held later is another one, with poses from its own beginning."""
+    later = dropwhile(lambda told: told[1] is None, truth)
+    return [(t, X) for t, X in takewhile(lambda told: told[1] is not None, later) if X is not None]
 
 
 def _pose_at(t: float, times: tuple[float, ...], poses: tuple[Array, ...]) -> Array:
