@@ -133,3 +133,33 @@ def test_a_safety_fault_ends_by_a_restart_alone() -> None:
     for line in ("restart safety", "power on", "brake release"):
         dashboard.answer(robot, line)
     assert robot.robot_mode == RUNNING
+
+
+def test_a_move_in_the_background_gives_way_to_the_next_and_its_end_is_told() -> None:
+    def running() -> bool:
+        return bool(int(rig.robot.values["output_int_register_2"]) & 0x8000)
+
+    rig, home = Rig(), Options().home
+    rig.command(1, home[0] + 1.0, *home[1:], 0.5, 1.0, background=1)
+    rig.run(1.0)
+    rig.command(0)
+    rig.run(DT)
+    assert running()
+    rig.command(1, home[0] - 0.1, *home[1:], 0.5, 1.0)
+    rig.run(0.3)
+    assert rig.robot.arm.q[0] < home[0] + 0.45
+    assert not running()
+    rig.run(2.0)
+    assert rig.robot.values["output_int_register_0"] == 2
+    assert rig.robot.arm.q[0] == pytest.approx(home[0] - 0.1, abs=1e-3)
+    rig.command(0)
+    rig.run(DT)
+    rig.command(1, *home, 0.1, 1.0, background=1)
+    rig.run(0.3)
+    rig.command(0)
+    rig.run(DT)
+    assert running()
+    rig.command(34, 2.0)
+    rig.run(0.2)
+    assert not running()
+    assert rig.robot.values["output_int_register_0"] == 2

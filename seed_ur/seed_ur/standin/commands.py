@@ -73,6 +73,11 @@ class Commands:
         if self.thread is not None:
             self._servo_on(self.thread)
         if self._background is not None and self._background():
+            self._end_background()
+
+    def _end_background(self) -> None:
+        """An asynchronous move has ended, or gives way to another command."""
+        if self._background is not None:
             self._background = None
             self._report_operation(running=False)
 
@@ -120,9 +125,12 @@ class Commands:
         robot = self.robot
         if isinstance(robot.arm.motion, Servo | Speed) or robot.freedrive or robot.force_mode:
             raise ProgramError(ANOTHER_THREAD)
+        self._end_background()
+        if isinstance(robot.arm.motion, Move):  # which is left where it has got to
+            robot.arm.motion = Hold()
 
         def job() -> bool:
-            if not robot.arm.motion.done and isinstance(robot.arm.motion, Move):
+            if not robot.arm.motion.done:
                 return False
             if not moves:
                 robot.arm.motion = Hold(1e3)
@@ -196,7 +204,7 @@ class Commands:
 
     def _stop(self, deceleration: float) -> Job:
         robot = self.robot
-        self._background = None
+        self._end_background()
         robot.freedrive = robot.force_mode = False
         self.thread = None
         robot.arm.motion = Hold(deceleration)
