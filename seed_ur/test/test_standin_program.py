@@ -163,3 +163,25 @@ def test_a_move_in_the_background_gives_way_to_the_next_and_its_end_is_told() ->
     rig.run(0.2)
     assert not running()
     assert rig.robot.values["output_int_register_0"] == 2
+
+
+def _stop_and_unlock(robot: Controller) -> None:
+    robot.protective_stop()
+    robot.now += 6.0
+    assert robot.unlock_protective_stop()
+
+
+@pytest.mark.parametrize("pause", [_stop_and_unlock, lambda robot: dashboard.answer(robot, "pause")])
+@pytest.mark.parametrize("background", [0, 1])
+def test_a_move_that_was_paused_goes_on_to_its_goal(pause, background: int) -> None:
+    rig = Rig()
+    x, y, z, *turn = rig.robot.arm.tcp_pose()
+    rig.command(3, x, y, z + 0.1, *turn, 0.1, 0.5, background=background)
+    rig.run(0.5)
+    rig.command(0)
+    pause(rig.robot)
+    rig.run(0.5)
+    assert rig.robot.arm.tcp_pose()[2] < z + 0.06
+    assert dashboard.answer(rig.robot, "play") == "Starting program"
+    rig.run(1.5)
+    assert rig.robot.arm.tcp_pose()[:3] == pytest.approx((x, y, z + 0.1), abs=1e-4)

@@ -129,13 +129,18 @@ class Commands:
         if isinstance(robot.arm.motion, Move):  # which is left where it has got to
             robot.arm.motion = Hold()
 
+        current: Move | None = None
+
         def job() -> bool:
+            nonlocal current
             if not robot.arm.motion.done:
                 return False
+            if current is not None and current.done:  # else it was interrupted, and goes on from here
+                moves.pop(0)
             if not moves:
                 robot.arm.motion = Hold(1e3)
                 return True
-            robot.arm.motion = moves.pop(0)()
+            robot.arm.motion = current = moves[0]()
             return False
 
         if not robot.in_int[self.offset + 1]:
