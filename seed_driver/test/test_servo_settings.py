@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from seed_core.arm.quaternion import turned
+from seed_core.arm.quaternion import inverse, rotate, turned
 from seed_driver.config import DriverConfig
 from seed_driver.process.shared_memory import Stage
 from seed_driver.process.supervisor import Supervisor
@@ -113,6 +113,12 @@ def test_old_controllers_are_followed_too(version: str, rate: int) -> None:
         ]  # a busy computer loses cycles, and is late with others
         assert period == pytest.approx(1.0 / rate, rel=0.1)
         assert_allclose(bench.state.sample.p, (x, y, z + 0.02), atol=1e-4)
+        bench.robot.ask("wrench", wrench=[3.0, 0.0, 5.0, 0.0, 0.2, 0.0])  # at the flange's origin, in its axes
+        bench.run(0.1)
+        told = bench.robot.ask("state")["wrench"]
+        assert (abs(np.linalg.norm(told[3:]) - 0.2) < 1e-6) == (version > "5")  # CB3 tells it about the TCP
+        torque = rotate(inverse(bench.state.sample.orientation), bench.state.sample.wrench[3:])
+        assert_allclose(torque, (0.0, 0.2, 0.0), atol=1e-3)
 
 
 @pytest.mark.parametrize(("options", "wanted"), [((), 500.0), (("--version", "3.15.8"), 250.0)], ids=["e", "CB3"])

@@ -114,6 +114,15 @@ def knows(version: Version, name: str) -> bool:
     return version >= (old if version[0] == 3 else new)
 
 
+def force_is_at_flange(version: Version) -> bool:
+    """Whether the torque of `actual_TCP_force` is about the flange's origin; about the TCP on CB3, which has no sensor.
+
+    Along the axes of the base on both. Source: Universal Robots ROS 2 driver, pull requests 1287 and 1615, where both
+    were tried on robots. A sensor that is not the robot's own may be told of about the TCP (its issue 1849).
+    """
+    return version[0] > 3
+
+
 def checked_number(name: str, index: float, value: float) -> tuple[int, float]:
     """Which number of the output `name`, and a value that can be sent for it; raises ValueError where it cannot be."""
     form = FORMATS[OUTPUTS[name]]

@@ -198,7 +198,7 @@ def test_a_virtual_wall_pushes_back() -> None:
 
 def test_a_wall_presses_on_the_tcp_without_a_torque_about_it() -> None:
     """A load on the flange beside it has one: 3 N along z of a flange that looks down, 0.1 m beside the TCP."""
-    with StandIn() as robot:
+    with StandIn(None, "--version", "3.15.8") as robot:
         robot.ask("tool", tcp=[0.1, 0.0, 0.2, 0.0, 0.0, 0.0])
         robot.ask("wall", z=robot.ask("state")["tcp_pose"][2] + 0.005, stiffness=2000.0)
         assert robot.ask("state")["wrench"] == pytest.approx([0.0, 0.0, 10.0, 0.0, 0.0, 0.0], abs=1e-6)
@@ -206,6 +206,19 @@ def test_a_wall_presses_on_the_tcp_without_a_torque_about_it() -> None:
         *force, tx, ty, _ = robot.ask("state")["wrench"]
     assert force == pytest.approx([0.0, 0.0, 13.0], abs=0.02)
     assert (tx**2 + ty**2) ** 0.5 == pytest.approx(0.3, abs=0.01)
+
+
+def test_an_e_series_tells_torque_about_the_flange() -> None:
+    """10 N at a TCP that is 0.1 m aside; and a load on the flange, which has none."""
+    with StandIn() as robot:
+        robot.ask("tool", tcp=[0.1, 0.0, 0.2, 0.0, 0.0, 0.0])
+        robot.ask("wrench", wrench=[0.0, 0.0, -3.0, 0.0, 0.0, 0.0])
+        assert robot.ask("state")["wrench"][3:] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+        robot.ask("wrench", wrench=[0.0] * 6)
+        robot.ask("wall", z=robot.ask("state")["tcp_pose"][2] + 0.005, stiffness=2000.0)
+        *_, fz, tx, ty, _ = robot.ask("state")["wrench"]
+    assert fz == pytest.approx(10.0, abs=1e-6)
+    assert (tx**2 + ty**2) ** 0.5 == pytest.approx(1.0, abs=0.03)
 
 
 def test_the_side_port_refuses_what_it_does_not_know() -> None:

@@ -11,7 +11,6 @@ carries the tool (a holder, the hand that gave it) lets go of it as the arm move
 """
 
 from collections import deque
-from math import inf
 from typing import NamedTuple
 
 import numpy as np

@@ -117,8 +117,9 @@ class Robot:
             ax, ay, az = rotate(q, p_tcp)  # from flange to TCP, in base
             p = x - ax, y - ay, z - az
             vx, vy, vz, wx, wy, wz = twist
-            fx, fy, fz, tx, ty, tz = wrench
-            wrench = fx, fy, fz, tx + ay * fz - az * fy, ty + az * fx - ax * fz, tz + ax * fy - ay * fx
+            if not rtde.force_is_at_flange(self.version):
+                fx, fy, fz, tx, ty, tz = wrench
+                wrench = fx, fy, fz, tx + ay * fz - az * fy, ty + az * fx - ax * fz, tz + ax * fy - ay * fx
             twist = vx - (wy * az - wz * ay), vy - (wz * ax - wx * az), vz - (wx * ay - wy * ax), wx, wy, wz
         return RobotState(
             q=v["actual_q"],

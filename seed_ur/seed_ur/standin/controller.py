@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
+import numpy as np
+
 from seed_core.errors import SeedError
 from seed_core.spatial import Wrench
 from seed_ur import rtde
@@ -286,15 +288,17 @@ class Controller:
             self.arm.stop()
 
     def wrench_W(self) -> tuple[float, ...]:
-        """(fx fy fz tx ty tz) of the environment on the tool about the TCP, in W, as actual_TCP_force."""
-        R, p_E_tcp = self.arm.X_WE[:3, :3], self.arm.tcp[:3, 3]
-        force, torque = R @ self.wrench_E[:3], R @ self.wrench_E[3:]
-        on_tcp = Wrench(torque, force).about(R @ p_E_tcp)
-        fx, fy, fz = on_tcp.force.tolist()
+        """(fx fy fz tx ty tz) of the environment on the tool as actual_TCP_force: in W, about the flange or the TCP."""
+        R = self.arm.X_WE[:3, :3]
+        to_tcp = R @ self.arm.tcp[:3, 3]
+        total = Wrench(R @ self.wrench_E[3:], R @ self.wrench_E[:3])
         if self.faults.wall is not None:  # which the TCP itself meets
             height, stiffness = self.faults.wall
-            fz += max(0.0, stiffness * (height - self.arm.tcp_pose()[2]))
-        return (fx, fy, fz, *on_tcp.torque.tolist())
+            push = np.array((0.0, 0.0, max(0.0, stiffness * (height - self.arm.tcp_pose()[2]))))
+            total = total.plus(Wrench(np.zeros(3), push).about(-to_tcp))
+        if not rtde.force_is_at_flange(self.options.version):
+            total = total.about(to_tcp)
+        return (*total.force.tolist(), *total.torque.tolist())
 
     def zero_ft(self) -> None:
         """zero_ftsensor()."""
