@@ -11,7 +11,7 @@ import pytest
 
 from seed_estimation.slip import turning
 from seed_estimation.slip.markers import UNSEEN, Depth, Observation
-from seed_estimation.slip.turning import BEFORE, FEWEST, GROWTH, RESTING, Turn, Turning, grown
+from seed_estimation.slip.turning import BEFORE, FEWEST, GROWTH, RESTING, Turn, Turning, grown, slid_on
 
 PERIOD, REACH = 1.0 / 45.0, 0.01  # [s], [m]
 NOISE = 1.8e-4  # [m] of one image
@@ -89,14 +89,14 @@ class Watched:
     """Turning, told of a box: its depth sees the turn badly, and turns on by 10 degrees as the markers rest."""
 
     def __init__(self) -> None:
-        self.turning, self.stamp = Turning([], REACH), 0.0
+        self.turning, self.stamp = Turning([], [], REACH), 0.0
 
     def image(self, gap: float, markers: float = 0.001, incipient: float = 0.05, deviation: float = 5e-4) -> bool:
         """gap, markers: turns at REACH [m]; deviation: depth's [m]."""
         self.stamp += PERIOD
         displacement = np.array((markers, 0.0, 0.0))
         seen = Observation(self.stamp, displacement, abs(markers), UNSEEN, incipient, False, 0.0)
-        fingers: list[Any] = [SimpleNamespace(seen=[seen])] * 2
+        fingers: list[Any] = [SimpleNamespace(seen=[seen], X_CT=np.eye(4))] * 2
         depth = Depth(displacement + np.array((gap, 0.0, 0.0)), np.array((deviation, 1e-4, 1e-3)))
         return self.turning.goes_on({}, np.eye(4), fingers, depth)
 
@@ -140,3 +140,70 @@ def test_markers_that_were_found_a_pitch_further_begin_anew(watched: Watched) ->
     for _ in range(12):
         watched.image(0.0, markers=0.003)
     assert not any(watched.image(0.0015, markers=0.0015) for _ in range(RESTING))
+
+
+def ended(
+    tool: Angle,
+    markers: Angle = stopped,
+    edge: float = 0.45,
+    noise: float = NOISE,
+    start: float = STOP - 0.08,
+    ahead: float = 0.16,
+    seed: int = 0,
+) -> float | None:
+    """When a turn that ends is told [s] after STOP; None: never within 0.2 s.
+
+    tool, markers: turn [rad] by time; edge: share by which the patch's edge follows its middle; start: of the turn [s];
+    ahead: turn of the markers at STOP [rad].
+    """
+    rng, turns = np.random.default_rng(seed), deque[Turn](maxlen=RESTING + BEFORE)
+    for t in np.arange(0.0, STOP + 0.2, PERIOD).tolist():
+        at, last = (ahead + markers(max(s, start)) for s in (t, t - PERIOD))
+        gap = REACH * (tool(max(t, start)) - markers(max(t, start))) + noise * rng.normal()
+        step = REACH * (at - last)
+        displacement = np.array((REACH * at, 0.0, 0.0)) + 5e-6 * rng.normal(size=3)
+        twist = np.array((step, edge * step)) if abs(step) > 1e-5 else None
+        turns.append(Turn(t, gap, 2.5 * NOISE, displacement, twist))
+        if slid_on(turns):
+            return t - STOP
+    return None
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_tool_that_turns_on_as_its_patch_has_let_go_is_told_within_100_ms(sign: float) -> None:
+    for seed in range(20):
+        at = ended(lambda t: 2.0 * sign * (t - STOP), lambda t: sign * stopped(t), ahead=0.16 * sign, seed=seed)
+        assert at is not None
+        assert 0.0 < at < 0.1
+
+
+def test_a_tool_that_turns_on_under_a_patch_that_turned_as_one_is_left_to_the_longer_mean() -> None:
+    assert ended(lambda t: 2.0 * (t - STOP), edge=0.75) is None
+
+
+@pytest.mark.parametrize("late", [0.0, 1.5])  # [images]
+@pytest.mark.parametrize("gain", [0.8, 1.0, 1.2])
+def test_a_tool_that_is_stopped_as_its_patch_nearly_lets_go_is_no_slip(late: float, gain: float) -> None:
+    start = STOP - 0.08
+
+    def seen(t: float) -> float:
+        return gain * (stopped(max(t - late * PERIOD, start)) - stopped(start)) + stopped(start)
+
+    assert sum(ended(seen, seed=seed) is not None for seed in range(100)) <= 1
+
+
+def test_markers_that_spring_back_have_held_nothing() -> None:
+    assert ended(lambda t: 2.0 * (t - STOP), ahead=-0.02) is None
+
+
+def test_a_tool_that_turned_all_the_while_shows_no_gap_to_compare_with() -> None:
+    assert ended(lambda t: 2.0 * (t - STOP), start=0.0, ahead=1.0) is None
+
+
+def test_a_turn_that_slows_down_is_no_slip() -> None:
+    """The markers come to rest with the tool, over tenths of a second."""
+
+    def slows(t: float) -> float:
+        return -0.16 * (1.0 + float(np.cos(np.pi * min(max(t - 0.15, 0.0) / 0.35, 1.0)))) / 2.0
+
+    assert [ended(slows, slows, start=0.0, seed=seed) for seed in range(20)] == [None] * 20

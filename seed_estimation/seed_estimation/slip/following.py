@@ -61,7 +61,7 @@ class Following:
     def __init__(self, models: Sequence[FingerModel], depths: Sequence[FingerModel], lever: Array) -> None:
         """depths: models without image; lever (3,): turn about y [rad], shift along x and z [m] to displacement [m]."""
         self._models, self._depths, self._lever = models, depths, lever
-        self._points = [_some(m.patch.points.p) for m in models]
+        self._points = [some(m.patch.points.p) for m in models]
         self._crops: Mapping[str, Crop] = {}  # of the last images, and their grey pictures where they were needed
         self._greys: dict[str, Grey] = {}
         self._tool: deque[Depth] = deque(maxlen=LATELY)
@@ -89,8 +89,8 @@ class Following:
         if last is None or not before or not 0.0 < stamp - last[0] <= PAUSE or not self._moves():
             self._steps.clear()
             return False
-        greys = greys or {f: _grey(c) for f, c in before.items()}
-        self._greys = {f: _grey(c) for f, c in crops.items()}
+        greys = greys or {f: grey(c) for f, c in before.items()}
+        self._greys = {f: grey(c) for f, c in crops.items()}
         moved = [
             self._moved(m, p, last[1], (before[m.finger], greys[m.finger]), (crops[m.finger], self._greys[m.finger]))
             for m, p in zip(self._models, self._points, strict=True)
@@ -146,34 +146,46 @@ class Following:
         self, model: FingerModel, points: Array, X_CT: Array, before: tuple[Crop, Grey], now: tuple[Crop, Grey]
     ) -> Array | None:
         """Step (3,) of a finger's material [m] since the image before, when the tool was at X_CT; None: not found."""
-        (a, first), (b, second) = before, now
-        u0, v0 = (max(p, q) for p, q in zip(a.origin, b.origin, strict=True))
-        h, w = (
-            min(a.origin[1] + first.shape[0], b.origin[1] + second.shape[0]) - v0,
-            min(a.origin[0] + first.shape[1], b.origin[0] + second.shape[1]) - u0,
-        )
-        if min(h, w) < 2 * WINDOW:
-            return None
-        first = first[v0 - a.origin[1] :, u0 - a.origin[0] :][:h, :w]
-        second = second[v0 - b.origin[1] :, u0 - b.origin[0] :][:h, :w]
-        X = model.X_XC @ X_CT
-        P = X[:3, :3] @ points + X[:3, 3:]
-        corner = np.array(((u0,), (v0,)), np.float32)
-        pixels = np.ascontiguousarray((model.camera.project32(P.astype(np.float32)) - corner).T)
-        inside = ((pixels > 2.0) & (pixels < np.array((w, h)) - 3.0)).all(axis=1)
-        if np.count_nonzero(inside) < FEWEST:
-            return None
-        pixels, P, points = pixels[inside], P[:, inside], points[:, inside]
-        after, good, _ = cv2.calcOpticalFlowPyrLK(
-            first, second, pixels[:, None], pixels[:, None].copy(), None, None, (WINDOW, WINDOW), LEVELS, DONE
-        )
-        good = good[:, 0] > 0
-        if np.count_nonzero(good) < FEWEST:
-            return None
-        flow = (after[:, 0] - pixels)[good].T * P[2, good] / model.camera.K.diagonal()[:2, None]
-        way = (model.X_XC[:2, :3].T @ flow)[[0, 2]]
-        place = (X_CT[:3, :3] @ points + X_CT[:3, 3:])[:, good]
-        return _rigid_step(place, way, self._lever)
+        flow = flow_of(model, points, X_CT, before, now)
+        return None if flow is None else self._lever * rigid_step(*flow)
+
+
+def flow_of(
+    model: FingerModel, points: Array, X_CT: Array, before: tuple[Crop, Grey], now: tuple[Crop, Grey]
+) -> tuple[Array, Array] | None:
+    """Where points (3, N) of a finger's material were in C in the image before (3, n), and their way along x and z
+    since then (2, n) [m], of those that are found; None: too few.
+
+    X_CT (4, 4): where the tool was, and they with it; before, now: the image's crop, and that in grey.
+    """
+    (a, first), (b, second) = before, now
+    u0, v0 = (max(p, q) for p, q in zip(a.origin, b.origin, strict=True))
+    h, w = (
+        min(a.origin[1] + first.shape[0], b.origin[1] + second.shape[0]) - v0,
+        min(a.origin[0] + first.shape[1], b.origin[0] + second.shape[1]) - u0,
+    )
+    if min(h, w) < 2 * WINDOW:
+        return None
+    first = first[v0 - a.origin[1] :, u0 - a.origin[0] :][:h, :w]
+    second = second[v0 - b.origin[1] :, u0 - b.origin[0] :][:h, :w]
+    X = model.X_XC @ X_CT
+    P = X[:3, :3] @ points + X[:3, 3:]
+    corner = np.array(((u0,), (v0,)), np.float32)
+    pixels = np.ascontiguousarray((model.camera.project32(P.astype(np.float32)) - corner).T)
+    inside = ((pixels > 2.0) & (pixels < np.array((w, h)) - 3.0)).all(axis=1)
+    if np.count_nonzero(inside) < FEWEST:
+        return None
+    pixels, P, points = pixels[inside], P[:, inside], points[:, inside]
+    after, good, _ = cv2.calcOpticalFlowPyrLK(
+        first, second, pixels[:, None], pixels[:, None].copy(), None, None, (WINDOW, WINDOW), LEVELS, DONE
+    )
+    good = good[:, 0] > 0
+    if np.count_nonzero(good) < FEWEST:
+        return None
+    flow = (after[:, 0] - pixels)[good].T * P[2, good] / model.camera.K.diagonal()[:2, None]
+    way = (model.X_XC[:2, :3].T @ flow)[[0, 2]]
+    place = (X_CT[:3, :3] @ points + X_CT[:3, 3:])[:, good]
+    return place, way
 
 
 def by_depth(depths: Sequence[FingerModel], crops: Mapping[str, Crop], X_CT: Array) -> Fit | None:
@@ -185,17 +197,17 @@ def by_depth(depths: Sequence[FingerModel], crops: Mapping[str, Crop], X_CT: Arr
     return found if all(math.isfinite(rms) for rms in found.depth_rms.values()) else None
 
 
-def _some(points: Array32) -> Array:
+def some(points: Array32) -> Array:
     """(3, POINTS) of points (3, N), evenly."""
     return np.asarray(points[:, np.linspace(0, points.shape[1] - 1, POINTS).astype(int)], float)
 
 
-def _grey(crop: Crop) -> Grey:
+def grey(crop: Crop) -> Grey:
     return np.asarray(np.clip(GREY + CONTRAST * crop.fine, 0.0, 255.0), np.uint8)
 
 
-def _rigid_step(place: Array, way: Array, lever: Array) -> Array:
-    """Turn about y, shift along x and z (3,) [m] of points at `place` (3, N) that go `way` (2, N), robustly."""
+def rigid_step(place: Array, way: Array) -> Array:
+    """Turn about y [rad], shift along x and z [m] (3,) of points at `place` (3, N) that go `way` (2, N), robustly."""
     n = place.shape[1]
     A = np.zeros((2 * n, 3))
     A[:n, 0], A[n:, 0], A[:n, 1], A[n:, 2] = place[2], -place[0], 1.0, 1.0
@@ -204,7 +216,7 @@ def _rigid_step(place: Array, way: Array, lever: Array) -> Array:
         motion = np.linalg.solve(A.T @ (A * weight[:, None]) + 1e-12 * np.eye(3), A.T @ (weight * y))
         off = np.hypot(*(y - A @ motion).reshape(2, n))
         weight = np.tile(1.0 / (1.0 + np.square(off / max(3.0 * float(np.median(off)), 4e-5))), 2)
-    return np.asarray(lever * motion)
+    return np.asarray(motion)
 
 
 def _way(before: Depth, now: Depth) -> tuple[Array, float, float]:

@@ -72,7 +72,7 @@ class GrossSlip:
         depths = [m.without_image() for m in models]
         self._following = Following(models, depths, self._lever) if len(models) > 1 else None
         self._parting, self._stretching = Parting(), Stretching(models)
-        self._turning = Turning(depths, reach)
+        self._turning = Turning(models, depths, reach)
         self._evidence = 0.0  # [thresholds] of fall, summed over frames in a row
         self._fell = math.inf  # [s] when it was enough
         self._steepest = 0.0  # [m] drop of a frame since then
