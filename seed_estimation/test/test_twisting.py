@@ -35,18 +35,21 @@ def image(middle: float, edge: float) -> Crop:
     return Crop(ir.astype(np.float32), np.full((SIDE, SIDE), AWAY, np.float32), (0, 0))
 
 
+def watching(p: np.ndarray) -> Twisting:
+    """A patch of points (3, N) in T."""
+    K = np.array(((FOCAL, 0.0, SIDE / 2), (0.0, FOCAL, SIDE / 2), (0.0, 0.0, 1.0)))
+    X_XC = make_pose(np.array(((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))), np.array((0.0, 0.0, AWAY)))
+    camera = PinholeCamera(SIDE, SIDE, K, np.zeros(5), "plumb_bob")
+    patch = SimpleNamespace(points=SimpleNamespace(p=p.astype(np.float32)))
+    model: Any = SimpleNamespace(finger="left", camera=camera, X_XC=X_XC, patch=patch)
+    return Twisting([model], REACH)
+
+
 @pytest.fixture
 def twisting() -> Twisting:
     x, z = (a[::4, ::4].ravel() for a in grid())
     inside = np.hypot(x, z) < RADIUS
-    p = np.stack((x[inside], 0.0 * x[inside], z[inside])).astype(np.float32)
-    K = np.array(((FOCAL, 0.0, SIDE / 2), (0.0, FOCAL, SIDE / 2), (0.0, 0.0, 1.0)))
-    X_XC = make_pose(np.array(((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))), np.array((0.0, 0.0, AWAY)))
-    camera = PinholeCamera(SIDE, SIDE, K, np.zeros(5), "plumb_bob")
-    model: Any = SimpleNamespace(
-        finger="left", camera=camera, X_XC=X_XC, patch=SimpleNamespace(points=SimpleNamespace(p=p))
-    )
-    return Twisting([model], REACH)
+    return watching(np.stack((x[inside], 0.0 * x[inside], z[inside])))
 
 
 MARKERS: list[Any] = [SimpleNamespace(X_CT=np.eye(4))]
@@ -69,3 +72,11 @@ def test_a_patch_out_of_view_tells_nothing(twisting: Twisting) -> None:
     beside: list[Any] = [SimpleNamespace(X_CT=make_pose(np.eye(3), np.array((0.1, 0.0, 0.0))))]
     twisting.step({"left": image(0.0, 0.0)}, beside, turns=True)
     assert twisting.step({"left": image(0.05, 0.0)}, beside, turns=True) is None
+
+
+def test_a_ring_tells_nothing() -> None:
+    """It has no middle."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
+    ring = watching(RADIUS * np.stack((np.cos(angle), 0.0 * angle, np.sin(angle))))
+    ring.step({"left": image(0.0, 0.0)}, MARKERS, turns=True)
+    assert ring.step({"left": image(0.05, 0.0)}, MARKERS, turns=True) is None

@@ -198,8 +198,9 @@ def by_depth(depths: Sequence[FingerModel], crops: Mapping[str, Crop], X_CT: Arr
 
 
 def some(points: Array32) -> Array:
-    """(3, POINTS) of points (3, N), evenly."""
-    return np.asarray(points[:, np.linspace(0, points.shape[1] - 1, POINTS).astype(int)], float)
+    """(3, POINTS) of points (3, N), evenly; none of none."""
+    n = points.shape[1]
+    return np.asarray(points[:, np.linspace(0, n - 1, POINTS if n else 0).astype(int)], float)
 
 
 def grey(crop: Crop) -> Grey:
