@@ -19,12 +19,14 @@ from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from seed_msgs.action import FollowSetpoints
 from seed_msgs.msg import ControllerState, HybridSetpoint, RelativePose
+from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Float32
 from std_srvs.srv import SetBool, Trigger
 
 from seed_control.ros import follow_setpoints
 from seed_control.ros.node import ControllerNode
 from seed_control.tasks import Task, read_task
+from seed_core.clocks import save_clocks
 from seed_core.config import ConfigError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Hand, Tool
@@ -147,6 +149,39 @@ def test_force_waits_for_the_clocks_and_motion_does_not() -> None:
         assert "./seed identify --live" in cell.state.reason
         cell.setpoint.publish(cell.hold_here())
         assert bench.until(lambda: cell.state.setpoint_kind == "hybrid")
+    finally:
+        bench.close()
+
+
+def test_force_waits_for_an_estimator_that_takes_the_offset_off(tmp_path: Path) -> None:
+    """The file was given to the controller alone, as with the cameras at another computer."""
+    save_clocks(tmp_path / "clocks.yaml", 0.03, 0.0005, "2026-11-22")
+    bench, taken = Bench(), ""
+    try:
+        cell = Cell(bench, clocks=str(tmp_path / "clocks.yaml"))
+        answers = bench.client.create_publisher(TimeReference, "clock_answer", COMMAND)
+
+        def answer(question: TimeReference) -> None:
+            message = TimeReference(time_ref=question.header.stamp, source=taken)
+            message.header.stamp = stamp_from_seconds(cell.now())
+            answers.publish(message)
+
+        bench.client.create_subscription(TimeReference, "clock_question", answer, COMMAND)
+        checks = cell.node.core.checks
+        assert bench.until(lambda: cell.node._estimator_clock.skew.known)
+        assert not checks.why_no_force  # of an estimator that does not say
+        taken = "0.000000"
+        assert bench.until(lambda: bool(checks.why_no_force))
+        cell.enabled()
+        pressing = cell.hold_here()
+        pressing.force_projector = [0.0] * 8 + [1.0]
+        pressing.wrench.force.z = -1.0
+        cell.setpoint.publish(pressing)
+        assert bench.until(lambda: cell.state.refused_setpoints == 1), cell.state
+        assert "SP18" in cell.state.reason
+        assert "the estimator takes 0.0 ms off" in cell.state.reason
+        taken = "0.030000"
+        assert bench.until(lambda: not checks.why_no_force)
     finally:
         bench.close()
 

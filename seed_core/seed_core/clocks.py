@@ -19,6 +19,7 @@ UNKNOWN = (
     "the images' clock was never compared with the robot's: run ./seed identify --live and give "
     "clocks:=FOLDER/clocks.yaml to the launch, or clocks:=one where one clock dates both (PTP)"
 )
+LEAST = 0.002  # [s] of an offset that is worth taking off
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
 
 
@@ -49,6 +50,15 @@ class Clocks(NamedTuple):
     deviation: float = 0.0
     problem: str = ""
     remark: str = ""
+
+    def not_taken_off(self, taken: float) -> str:
+        """Why force must wait: the estimator takes another offset [s] off the stamps than the known one; or ''."""
+        if abs(taken - self.offset) <= max(2.0 * self.deviation, LEAST):
+            return ""
+        return (
+            f"the estimator takes {1e3 * taken:.1f} ms off the images' stamps, where the controller's clocks say "
+            f"{1e3 * self.offset:.1f} ms: give the same clocks:= to the launch with the cameras and to that of the arm"
+        )
 
 
 def read_clocks(given: str) -> Clocks:

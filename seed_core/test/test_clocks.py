@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from seed_core import clocks as module
-from seed_core.clocks import ONE, SIMULATED, read_clocks, save_clocks
+from seed_core.clocks import ONE, SIMULATED, Clocks, read_clocks, save_clocks
 from seed_core.config import ConfigError
 
 
@@ -56,6 +56,16 @@ def test_another_computers_comparison_is_refused_and_one_before_a_restart_is_tol
     assert "before this computer was started" in read_clocks(str(file)).remark
     file.write_text(file.read_text().replace(f"host: {module.socket.gethostname()}", "host: elsewhere"))
     assert "'elsewhere'" in read_clocks(str(file)).problem
+
+
+def test_an_offset_that_the_estimator_does_not_take_off_is_a_problem() -> None:
+    known = Clocks(offset=0.030, deviation=0.0005)
+    assert not known.not_taken_off(0.0305)
+    assert "takes 0.0 ms off the images' stamps, where the controller's clocks say 30.0 ms" in known.not_taken_off(0.0)
+    assert known.not_taken_off(-0.030)
+    assert known.not_taken_off(float("nan"))
+    assert not Clocks(offset=0.001).not_taken_off(0.0)  # of no account
+    assert not Clocks(offset=0.030, deviation=0.004).not_taken_off(0.023)  # both may be right
 
 
 @pytest.mark.parametrize("words", ["yes", "missing/clocks.yaml"])

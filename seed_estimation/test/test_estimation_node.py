@@ -481,8 +481,9 @@ def test_the_cameras_frames_are_those_of_the_calibration_which_counts_from_the_s
         bench.add(EstimatorNode, calibration=str(tmp_path / "nothing.yaml"))
 
 
-def test_it_answers_what_time_it_is(bench: Bench) -> None:
-    bench.add(EstimatorNode)
+def test_it_answers_what_time_it_is_and_what_it_takes_off(bench: Bench, tmp_path: Path) -> None:
+    save_clocks(tmp_path / "clocks.yaml", 0.0123, 0.0004, "2026-11-22")
+    bench.add(EstimatorNode, clocks=str(tmp_path / "clocks.yaml"))
     answers: list[TimeReference] = []
     bench.client.create_subscription(TimeReference, "clock_answer", answers.append, COMMAND)
     questions = bench.client.create_publisher(TimeReference, "clock_question", COMMAND)
@@ -491,6 +492,7 @@ def test_it_answers_what_time_it_is(bench: Bench) -> None:
     bench.every.append(lambda: questions.publish(question))
     assert bench.until(lambda: answers)
     assert answers[0].time_ref == question.header.stamp
+    assert float(answers[0].source) == 0.0123
     assert 0.0 < seconds(answers[0].header.stamp) - seconds(question.header.stamp) < 30.0
 
 

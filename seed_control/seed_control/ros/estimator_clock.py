@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Asks the estimator what time it is, a few times a second; it may run on another computer."""
 
+from contextlib import suppress
 from math import inf
 
 from sensor_msgs.msg import TimeReference
 
 from seed_control.monitor.clock_skew import ClockSkew, SkewSettings
+from seed_core.clocks import Clocks
 from seed_ros import COMMAND, SeedNode
 from seed_ros.conversions import seconds, stamped
 
@@ -16,10 +18,14 @@ class EstimatorClock:
     """`look` in each step; `skew` says what came out.
 
     In simulated time there is one clock. An estimator that does not answer leaves the skew unknown.
+
+    Attributes:
+        not_taken_off: why force must wait for an offset that the estimator should take off the stamps; '' for nothing.
     """
 
-    def __init__(self, node: SeedNode, settings: SkewSettings) -> None:
-        self.skew = ClockSkew(settings.max_skew)
+    def __init__(self, node: SeedNode, settings: SkewSettings, clocks: Clocks) -> None:
+        self.skew, self._clocks = ClockSkew(settings.max_skew), clocks
+        self.not_taken_off = ""
         self._node = node
         one_clock = node.get_parameter("use_sim_time").get_parameter_value().bool_value
         self._period = inf if one_clock or not settings.rate else 1.0 / settings.rate
@@ -51,6 +57,15 @@ class EstimatorClock:
     def _on_answer(self, message: TimeReference) -> None:
         if message.time_ref.sec or message.time_ref.nanosec:
             self.skew.add(seconds(message.time_ref), seconds(message.header.stamp), self._node.now())
+        with suppress(ValueError):  # one of somebody else's does not say what it takes off
+            self._compare(float(message.source))
+
+    def _compare(self, taken: float) -> None:
+        """What the estimator takes off the stamps [s] with what is known here."""
+        why = self._clocks.not_taken_off(taken)
+        if why and not self.not_taken_off:
+            self._node.get_logger().warning(f"force and torque are refused (SP18): {why}")
+        self.not_taken_off = why
 
     def values(self) -> dict[str, object]:
         """For the diagnostics."""

@@ -136,7 +136,7 @@ class ControllerNode(SeedNode):
         self._create_inputs()
         StiffnessScheduleInput(self, schedule, hand, self._on_stiffness)
         self.grip = GripAnswer(self, self.core, grip)
-        self._estimator_clock = EstimatorClock(self, skew)
+        self._estimator_clock = EstimatorClock(self, skew, self.clocks)
         self._create_services()
         skewed = self._estimator_clock.skew
         self._readiness = Readiness(self, self.core, lambda: self._arm_holds, lambda: skewed.problem)
@@ -270,6 +270,7 @@ class ControllerNode(SeedNode):
     def _step(self) -> None:
         now = self.now()
         self._estimator_clock.look(now)
+        self.core.checks.clock_problem = self.clocks.problem or self._estimator_clock.not_taken_off
         if skewed := self._estimator_clock.skew.problem:
             self.core.hold(now, skewed)
         self.follow.before_step(now)

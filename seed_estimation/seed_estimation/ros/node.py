@@ -148,9 +148,10 @@ class EstimatorNode(SeedNode):
             self._debug.publish(image_message(self.core.debug_image(), "bgr8", stamp, self.frames.compliance))
 
     def _on_clock_question(self, message: TimeReference) -> None:
-        """What time it is here: the controller may run on another computer, and compares."""
+        """What time it is here, and by which offset [s] stamps are mended: the controller may run elsewhere."""
         answer = stamped(TimeReference, self.now(), "")
         answer.time_ref = message.header.stamp
+        answer.source = f"{self.inputs.clocks.offset:.6f}"
         self._clock_answers.publish(answer)
 
     def _on_push(self, message: Float64) -> None:
