@@ -215,6 +215,13 @@ def test_slip_command_prints_alarms_and_delays(capsys):
     assert out["valid_fraction"] == 1.0
 
 
+def test_no_slip_shares_its_seed_with_another_or_with_a_calm_piece():
+    drawn = [slip.drawn_from(s, i, calm) for s in (0, 1, 2, 21) for i in range(1500) for calm in (False, True)]
+    assert len(set(drawn)) == len(drawn)
+    assert slip.drawn_from(21, 499) == 21499
+    assert slip.drawn_from(21, 499, calm=True) == 21999
+
+
 @pytest.mark.parametrize("fingers", ["both", "right"])
 def test_a_pull_aside_is_no_slip_yet(fingers):
     """Seed 7100003 turns the tool and then jerks it along z, back through the middle: displacement falls at once."""

@@ -30,6 +30,7 @@ IN_TIME = 0.1 + 1e-9  # [s] from the onset of a slip to its alarm; stamps add up
 _AFTER = 0.25  # [s] of images after the onset
 _LONGEST = 6.0  # [s] until the slowest pull has overcome the firmest grip
 _PIECE = 60.0  # [s] of ordinary manipulation per grasp
+_BLOCK, _BEYOND = 500, 10**15  # slips, and calm pieces, whose seeds lie together; what lies between two such blocks
 _SUBSTEPS = 10  # of friction per pair of images
 # ordinary manipulation moves the tool about half as far as the combined trajectory
 _ORDINARY = TrajectorySection(translation_mm=(2.2, 1.0, 1.5), rotation_deg=(4.0, 3.0, 3.0))
@@ -235,12 +236,18 @@ def false_alarms(scenario: Scenario, seed: int, duration: float) -> tuple[int, i
     return alarms, valid, frames
 
 
+def drawn_from(seed: int, i: int, calm: bool = False) -> int:
+    """The seed of slip or calm piece i; no two are the same, nor those of another seed."""
+    block, within = divmod(i, _BLOCK)
+    return 2 * _BLOCK * seed + _BLOCK * calm + within + _BEYOND * block
+
+
 def alarms(scenario: Scenario, seed: int, slips: int, minutes: float, jobs: int) -> dict[str, Any]:
     """Share of slips that raise the alarm within 100 ms, and false alarms, in so many processes."""
     pieces = max(1, math.ceil(minutes * 60.0 / _PIECE))
     duration = max(minutes * 60.0 / pieces, 1.0)
-    work = [delayed(alarm_delay)(scenario, 1000 * seed + i) for i in range(slips)]
-    work += [delayed(false_alarms)(scenario, 1000 * seed + 500 + i, duration) for i in range(pieces)]
+    work = [delayed(alarm_delay)(scenario, drawn_from(seed, i)) for i in range(slips)]
+    work += [delayed(false_alarms)(scenario, drawn_from(seed, i, calm=True), duration) for i in range(pieces)]
     results: list[Any] = list(in_parallel(work, min(jobs, len(work)), "run"))
     found, calm = results[:slips], np.array(results[slips:])
     delays = [told.alarm for told in found if told.alarm is not None]
