@@ -188,6 +188,22 @@ def test_a_campaign_goes_on_where_it_stopped(tmp_path: Path) -> None:
     assert "BEYOND: peak" in table(runs)
 
 
+def test_a_run_that_broke_off_counts_in_its_group() -> None:
+    figures = {"peak": 1.2, "force_rms": 0.2, "normal_rms_deg": 2.0, "force_mean": 10.0, "normal_max_deg": 5.0}
+    whole = {"scenario": "cylinder", "seed": 1, "finished": True, "message": "finished", "surface": figures}
+    broken = {"scenario": "sphere", "seed": 2, "finished": False, "message": "no path", "surface": None}
+    found = summary([whole, broken])
+    assert [found["smooth"][k] for k in ("runs", "finished", "broke")] == [2, 1, 1]
+    assert found["smooth"]["peak"] == [1.2, 1.2, 1.2]
+    assert found["beyond"] == 1
+    told = table([whole, broken])
+    assert "no path  BEYOND: broke" in told
+    assert "smooth, 2 runs, 1 finished, 1 broke off without figures" in told
+    alone = table([broken])
+    assert "smooth, 1 runs, 0 finished, 1 broke off without figures" in alone
+    assert "force_rms" not in alone
+
+
 CORNER = """
 name: corner
 tool: ball

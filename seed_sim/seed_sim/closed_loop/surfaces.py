@@ -85,7 +85,7 @@ def table(runs: Sequence[dict[str, Any]]) -> str:
     for r in runs:
         s, head = r["surface"], f"{r['scenario']:14s}{r['seed']:5d} "
         if s is None:
-            lines.append(f"{head} {r['message']}")
+            lines.append(f"{head} {r['message']}  BEYOND: {failure(r)}")
             continue
         figures = f"{s['force_rms']:8.3f} N {s['force_mean']:6.2f} N {s['normal_rms_deg']:7.2f} deg"
         end = "" if r["finished"] else f"  {r['message']:.70}"
@@ -94,7 +94,10 @@ def table(runs: Sequence[dict[str, Any]]) -> str:
     result = summary(runs)
     for group in (name for name in ("smooth", "rough") if result[name]["runs"]):
         of = result[group]
-        lines.append(f"{group}, {of['runs']} runs, {of['finished']} finished: median, 90 %, worst")
+        broke = f", {of['broke']} broke off without figures" if of["broke"] else ""
+        lines.append(f"{group}, {of['runs']} runs, {of['finished']} finished{broke}: median, 90 %, worst")
+        if of["broke"] == of["runs"]:
+            continue
         for name, (unit, most) in FIGURES.items():
             bound = f"   (at most {most:g} {unit} for each)" if most is not None and name in of["bounded"] else ""
             median, ninety, worst = of[name]
@@ -106,13 +109,18 @@ def table(runs: Sequence[dict[str, Any]]) -> str:
 
 
 def summary(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Median, 90 % and worst of smooth and of rough surfaces, with the number of all runs that are beyond a bound."""
+    """Median, 90 % and worst of smooth and of rough surfaces, with the number of all runs that are beyond a bound.
+
+    A run that broke off has no figures; it counts among the runs of its group.
+    """
     out: dict[str, Any] = {"beyond": sum(bool(failure(r)) for r in runs)}
     for group, kinds in (("smooth", SMOOTH), ("rough", ROUGH)):
-        of = [r for r in runs if r["scenario"] in kinds and r["surface"] is not None]
+        every = [r for r in runs if r["scenario"] in kinds]
+        of = [r for r in every if r["surface"] is not None]
         out[group] = {
-            "runs": len(of),
-            "finished": sum(r["finished"] for r in of),
+            "runs": len(every),
+            "finished": sum(r["finished"] for r in every),
+            "broke": len(every) - len(of),
             "bounded": list(FIGURES) if group == "smooth" else ["peak"],
         }
         for name in FIGURES if of else ():
