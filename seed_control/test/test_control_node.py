@@ -153,6 +153,20 @@ def test_force_waits_for_the_clocks_and_motion_does_not() -> None:
         bench.close()
 
 
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [({"hand.name": "mine"}, "the squeegee of 0.2 kg, tip 120 mm along z: write tool"),
+     ({"hand.name": "mine", "tool.mass": 0.3}, ""), ({}, "")],
+)  # fmt: skip
+def test_a_hand_without_a_tool_says_which_one_is_assumed(given: dict[str, Any], words: str) -> None:
+    bench = Bench()
+    try:
+        told = bench.add(ControllerNode, **given)._assumed_tool()
+    finally:
+        bench.close()
+    assert (words in told) if words else not told
+
+
 def test_force_waits_for_an_estimator_that_takes_the_offset_off(tmp_path: Path) -> None:
     """The file was given to the controller alone, as with the cameras at another computer."""
     save_clocks(tmp_path / "clocks.yaml", 0.03, 0.0005, "2026-11-22")

@@ -57,6 +57,7 @@ from seed_ros.conversions import (
     wrench_stamped,
     wrench_to_core,
 )
+from seed_ros.private_rclpy import given_parameters
 
 
 @dataclass(frozen=True)
@@ -112,6 +113,8 @@ class ControllerNode(SeedNode):
         references = self.declare(ReferenceSettings(), "reference")
         skew = self.declare(SkewSettings(), "clock")
         self.refuse_unknown()
+        if assumed := self._assumed_tool():
+            self.get_logger().warning(assumed)
 
         model, pressure = choose_model(wrench, stiffness, hand, datetime.now(UTC))
         self.core = Controller(self.parameters, hand, self.tool, stiffness, model, references, pressure)
@@ -141,6 +144,16 @@ class ControllerNode(SeedNode):
         skewed = self._estimator_clock.skew
         self._readiness = Readiness(self, self.core, lambda: self._arm_holds, lambda: skewed.problem)
         self.diagnose("controller", self._report)
+
+    def _assumed_tool(self) -> str:
+        """Which tool is assumed with a hand that was given without one; '' where a tool was given, or no hand."""
+        given, t = given_parameters(self), self.tool
+        if not any(n.startswith("hand.") for n in given) or any(n.startswith("tool.") for n in given):
+            return ""
+        return (
+            f"a hand without a tool was given: assumed is the {t.name} of {t.mass:g} kg, "
+            f"tip {1e3 * t.T_tip.position[2]:g} mm along z: write tool into the hand_file"
+        )
 
     def _create_outputs(self) -> None:
         self._target = self.publisher(PoseStamped, "target_frame", COMMAND)
