@@ -223,6 +223,12 @@ def test_the_command_in_the_report_can_be_typed_again_whatever_the_task_is_calle
     assert _parser().parse_args(shlex.split(command)[2:]).task == str(task)
 
 
+def test_a_file_as_folder_of_the_results_is_refused_with_what_to_name(tmp_path: Path) -> None:
+    (tmp_path / "README.md").touch()
+    with pytest.raises(SeedError, match=r"README.md is a file: name a folder"):
+        plan(_parser().parse_args(["--out", str(tmp_path / "README.md")]))
+
+
 def test_the_share_in_the_band_is_that_of_the_stated_deviation() -> None:
     """Errors of deviation 0.3 lie within twice 0.3 for 95.4 % of the time, within twice 0.15 for 68.3 %."""
     n, rng = 20000, np.random.default_rng(3)

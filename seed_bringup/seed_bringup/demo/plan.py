@@ -69,6 +69,8 @@ def plan(options: argparse.Namespace, domain: int = 0) -> Plan:
     check_task(task, scenario, options.law)
     stamp = datetime.now().astimezone().strftime("%Y%m%d-%H%M%S")
     folder: Path = (options.out or results_folder() / f"{task.name}-{stamp}").resolve()
+    if folder.exists() and not folder.is_dir():
+        raise SeedError(f"--out {folder} is a file: name a folder that is empty, or one that there is not yet")
     if folder.is_dir() and any(folder.iterdir()):
         raise SeedError(f"{folder} is not empty; results are never overwritten: name another folder")
     folder.mkdir(parents=True, exist_ok=True)
