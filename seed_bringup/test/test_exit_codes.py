@@ -120,6 +120,21 @@ def test_wrong_use_exits_with_2_and_says_how(
 
 
 @pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("launch cell foo", "seed launch: foo: no argument of cell: arguments have the form name:=value\n"),
+        ("launch cel foo", "seed launch: package 'cel' is not installed here"),
+        ("launch seed_bringup foo", "seed launch: package 'seed_bringup' has no launch file 'foo'"),
+    ],
+)
+def test_a_word_behind_a_launch_file_is_no_package_s_file(
+    words: str, said: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words.split()) == 2
+    assert capfd.readouterr().err.startswith(said)
+
+
+@pytest.mark.parametrize(
     ("words", "meant"),
     [
         ("evalaute squeegee", "evaluate"),

@@ -2,6 +2,7 @@
 """Finds installed packages, their executables and their launch files along AMENT_PREFIX_PATH."""
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from seed_bringup.launching.launch_xml import LaunchError
@@ -33,9 +34,21 @@ def executable(package: str, name: str) -> Path:
     return programs[name]
 
 
+def _is_launch_file(word: str) -> bool:
+    """Whether a word names no package, but a launch file by itself."""
+    with suppress(LaunchError):
+        package_prefix(word)
+        return False
+    with suppress(LaunchError):
+        return find_launch_file([word]).is_file()
+    return False
+
+
 def find_launch_file(words: list[str]) -> Path:
     """PACKAGE FILE, a path, or the name of a launch file of seed_bringup with or without its ending."""
     package, name = words if len(words) == 2 else ("seed_bringup", words[0])
+    if len(words) == 2 and _is_launch_file(package):
+        raise LaunchError(f"{name}: no argument of {package}: arguments have the form name:=value")
     if len(words) == 1 and Path(name).is_file():
         return Path(name)
     if len(words) == 1 and name.endswith(".xml") and len(Path(name).parts) > 1:
