@@ -62,8 +62,9 @@ def parser() -> argparse.ArgumentParser:
 
 @command("seed ur-sim")
 def main(words: list[str]) -> int:
-    """Serve until Ctrl-C or SIGTERM."""
-    if "--ros-args" in words:  # what a launch file adds: a name and parameters, of no use here
+    """Serve until Ctrl-C or SIGTERM; as a node of a launch file it ends with 0 then, as all nodes do."""
+    launched = "--ros-args" in words
+    if launched:  # what a launch file adds: a name and parameters, of no use here
         words = words[: words.index("--ros-args")]
     given = parser().parse_args(words)
     home = tuple(radians(t) for t in given.home) if given.home else HOME
@@ -76,6 +77,8 @@ def main(words: list[str]) -> int:
         signal.signal(ending, lambda *_: setattr(server, "running", False))
     print(f"UR stand-in: {given.model}, PolyScope {given.version}, on {given.host}", flush=True)
     server.run()
+    if not launched:
+        raise KeyboardInterrupt
     return 0
 
 

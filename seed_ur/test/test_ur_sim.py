@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stand-in's command line: which addresses and versions it takes."""
 
+import signal
+
 import pytest
 
 from seed_core.errors import SeedError
@@ -23,6 +25,17 @@ def test_versions_are_read_and_nonsense_is_refused() -> None:
     for text in ("6.1", "abc", "5", "5.12.4.x"):
         with pytest.raises(SeedError, match=rf"version = '{text}' must be major.minor"):
             version(text)
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(("words", "code"), [((), 130), (("--ros-args", "-r", "__node:=ur_controller"), 0)])
+def test_ctrl_c_ends_the_command_with_130_and_the_node_of_a_launch_file_with_0(
+    words: tuple[str, ...], code: int
+) -> None:
+    with StandIn(None, *words) as robot:
+        assert robot.process is not None
+        robot.process.send_signal(signal.SIGINT)
+        assert robot.process.wait(timeout=10.0) == code
 
 
 @pytest.mark.realtime
