@@ -202,6 +202,28 @@ def test_the_buttons_reach_the_cell_of_their_namespace_and_no_other(
         of_left.close()
 
 
+def test_a_grasp_that_the_estimator_refuses_leaves_the_gripper_open(cell: SlowCell, hands: CellHands) -> None:
+    """As before a reference, which is of an open gripper."""
+
+    def offer(name: str, good: bool, told: str) -> None:
+        def serve(_: Any, response: Any) -> Any:
+            cell.called.append(name)
+            response.success, response.message = good, told
+            return response
+
+        cell.create_service(Trigger, name, serve, callback_group=ReentrantCallbackGroup())
+
+    offer("sim/grasp", True, "grasped the squeegee")
+    offer("sim/release", True, "released")
+    offer("estimator/initialize_grasp", False, "no reference: capture one with the bubbles touching nothing")
+    names = ("sim/grasp", "estimator/initialize_grasp", "sim/release")
+    until(lambda: all(hands._triggers[name].service_is_ready() for name in names))
+    good, told = hands.press("Grasp").result(10.0)
+    assert not good
+    assert cell.called == list(names)
+    assert told == "Grasp: no reference: capture one with the bubbles touching nothing; the gripper is open again."
+
+
 def test_stop_is_served_at_once_while_another_button_waits(cell: SlowCell, hands: CellHands) -> None:
     ready(hands)
     cell.enabled = True

@@ -202,7 +202,7 @@ def test_services_in_the_wrong_state_say_so_and_reset_brings_back_the_start(worl
     assert world.trigger("grasp").success
     again = world.trigger("grasp")
     assert not again.success
-    assert "call sim/release first" in again.message
+    assert "release it first (sim/release; on the page: Release)" in again.message
     assert "start with the parameter replay" in world.trigger("save_replay").message
     assert world.trigger("reset").success
     assert world.bench.until(lambda: not world.truth[-1].valid)

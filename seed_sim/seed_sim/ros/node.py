@@ -219,7 +219,7 @@ class SimNode(SeedNode):
 
     def _grasp(self) -> str:
         if self.holder.grasped:
-            raise PlantError("the tool is in the grasp already: call sim/release first")
+            raise PlantError("the tool is in the grasp already: release it first (sim/release; on the page: Release)")
         self.holder.grasp()
         wrong = f"; {self._told_wrong}" if self._told_wrong else ""
         return f"grasped the {self.scenario.tool.name}; its holder lets go when the arm moves{wrong}"

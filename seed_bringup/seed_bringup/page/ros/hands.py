@@ -221,7 +221,13 @@ class CellHands:
             words.append(await self._trigger("sim/grasp"))
             await self._pause(0.4)  # until cameras show the grasp
         if self._triggers["estimator/initialize_grasp"].service_is_ready():
-            words.append(await self._trigger("estimator/initialize_grasp"))
+            try:
+                words.append(await self._trigger("estimator/initialize_grasp"))
+            except NotDoneError as error:
+                if not words:
+                    raise
+                await self._trigger("sim/release")  # a reference, as it may need, is of an open gripper
+                raise NotDoneError(f"{error}; the gripper is open again") from None
         if not words:
             raise NotDoneError("neither sim/grasp nor estimator/initialize_grasp is offered: does the cell run?")
         return "; ".join(words)
