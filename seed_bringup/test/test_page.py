@@ -106,6 +106,15 @@ def test_the_next_button_leads_from_reference_to_grasp_to_enable_to_play() -> No
     assert words.next_button(CellState(now=1.0, control=control("idle"), grasp=HELD)) == words.PLAY
 
 
+def test_after_a_reset_the_page_names_the_button_that_leads_on() -> None:
+    reason, off = "sim/reset has put it at its start", control("disabled", enabled=False)
+    nothing = GraspView(np.eye(4), False, "no reference: capture_reference has not been called", 0.0, False)
+    empty = GraspView(np.eye(4), False, "track lost: the tool touches no finger", 0.0, False)
+    for view in (off, control("holding", f"the arm holds: {reason}")):
+        told = [words.headline(CellState(now=1.0, control=view, grasp=g, arm_holds=reason)) for g in (nothing, empty)]
+        assert [t.todo.split(",")[0] for t in told] == ["Next: Reference", "Next: Grasp the tool. Then Enable"]
+
+
 def test_tasks_for_another_tool_are_not_offered_and_the_note_names_it() -> None:
     tools = {"mine.yaml": "pen", "find_edge": "ball", "pen": "pen", "squeegee": "squeegee", "any": "", "write": "pen"}
     tasks = tuple(tools)

@@ -33,6 +33,7 @@ MODES = {
 STOPPED = "Nothing is wrong. Press Enable when the arm may move again."
 PLAY = "Play task"  # name of the button
 SLIPPED = "The tool moves in the fingers. Take it again (Release, Grasp), press less or grip firmer; then Enable."
+RESET = "The arm was put at its start, and the gripper is open. Grasp the tool, then Enable."
 BOUND = "A bound was reached: clear the cause, then Enable. The arm begins from where it is."
 # Words of a reason, and what helps against it. The first that is found counts; Enable ends every hold.
 REMEDIES = (
@@ -59,7 +60,7 @@ REMEDIES = (
     ("no contact within", "The surface is not where the task expects it: correct the task's frame. Then Enable."),
     ("in its way", "Clear the way of the tool, then press Enable."),
     ("beyond", BOUND),
-    ("reset", "The arm was put at its start. Press Enable."),
+    ("reset", RESET),
 )
 OTHERWISE = "Clear the cause, then press Enable. The arm begins from where it is."
 
@@ -86,10 +87,10 @@ def headline(state: CellState, live: bool = True) -> Headline:
     if control is None:
         return Headline("warn", "No controller", "The cell runs, but nothing comes from its controller.")
     if control.mode == "holding":
-        return Headline("bad", "Holds", _sentence(control.reason), remedy(control.reason))
+        return Headline("bad", "Holds", _sentence(control.reason), _to_do(state, control.reason))
     if not control.enabled:
         if state.arm_holds:
-            return Headline("warn", "Arm holds", _sentence(state.arm_holds), remedy(state.arm_holds))
+            return Headline("warn", "Arm holds", _sentence(state.arm_holds), _to_do(state, state.arm_holds))
         return Headline("idle", "Not enabled", "The arm stands. " + _sentence(control.reason), _next_step(state))
     found = MODES.get(control.mode, Headline("warn", control.mode))
     if control.mode == "contact" and control.settled:
@@ -108,6 +109,12 @@ def next_button(state: CellState) -> str:
     if "no reference" in lacks:
         return "Reference"
     return "Enable" if grasp is not None and grasp.valid else "Grasp"
+
+
+def _to_do(state: CellState, reason: str) -> str:
+    """The remedy of a hold; after a reset what comes next, be it the reference."""
+    found = remedy(reason)
+    return (found == RESET and _next_step(state)) or found
 
 
 def _next_step(state: CellState) -> str:
