@@ -106,6 +106,12 @@ def test_the_next_button_leads_from_reference_to_grasp_to_enable_to_play() -> No
     assert words.next_button(CellState(now=1.0, control=control("idle"), grasp=HELD)) == words.PLAY
 
 
+def test_a_tool_that_follows_positions_may_stand_as_it_does_after_a_task() -> None:
+    found = words.headline(CellState(now=1.0, control=control("position"), grasp=HELD))
+    assert found.word == "Follows positions"
+    assert "or stands there" in found.text
+
+
 def test_after_a_reset_the_page_names_the_button_that_leads_on() -> None:
     reason, off = "sim/reset has put it at its start", control("disabled", enabled=False)
     nothing = GraspView(np.eye(4), False, "no reference: capture_reference has not been called", 0.0, False)

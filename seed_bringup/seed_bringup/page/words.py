@@ -24,7 +24,9 @@ class Headline(NamedTuple):
 
 MODES = {
     "idle": Headline("good", "Ready", "The controller holds the arm where it is and waits for a task."),
-    "position": Headline("busy", "Moves freely", "The tool follows positions; no force is wanted."),
+    "position": Headline(
+        "busy", "Follows positions", "The tool goes where it is wanted, or stands there; no force is wanted."
+    ),
     "approach": Headline("busy", "Approaches", "The tool moves towards the surface until it touches."),
     "contact": Headline("busy", "In contact", "The tool is pressed on the surface."),
 }
