@@ -6,6 +6,7 @@ import socket
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -24,7 +25,7 @@ import seed_ros
 import seed_sim
 import seed_ur
 from seed_bringup.page import style, words
-from seed_bringup.page.panel import Panel, Playing
+from seed_bringup.page.panel import Panel, Playing, _rows
 from seed_bringup.page.scene import Scene
 from seed_bringup.page.server import PageServer
 from seed_bringup.page.slow_browser import SCRIPT
@@ -104,6 +105,15 @@ def test_the_next_button_leads_from_reference_to_grasp_to_enable_to_play() -> No
     steps = [words.next_button(CellState(now=1.0, control=off, grasp=g)) for g in (nothing, empty, HELD)]
     assert steps == ["Reference", "Grasp", "Enable"]
     assert words.next_button(CellState(now=1.0, control=control("idle"), grasp=HELD)) == words.PLAY
+
+
+def test_a_number_that_rounds_to_zero_has_no_sign() -> None:
+    X_WE, still = np.eye(4), replace(control("idle"), measured=np.array((-0.04, -0.06, 0.0, -0.004, 0.004, -0.0)))
+    X_WE[:3, 3] = -0.0004, 0.4, -0.0006
+    rows = dict(_rows(CellState(now=1.0, control=still, X_WE=X_WE), 1))
+    assert rows["force x, y, z [N]"] == "0.0, -0.1, 0.0"
+    assert rows["torque x, y, z [N m]"] == "0.00, 0.00, 0.00"
+    assert rows["flange x, y, z [mm]"] == "0, 400, -1"
 
 
 def test_a_tool_that_follows_positions_may_stand_as_it_does_after_a_task() -> None:

@@ -198,14 +198,14 @@ def _put(handle: viser.GuiHtmlHandle, content: str) -> None:
 
 
 def _rows(state: CellState, viewers: int) -> list[tuple[str, str]]:
-    control, factor = state.control, state.real_time_factor
+    control, factor = state.control, state.real_time_factor  # z in a format: no -0.0
     rows = [("tool", words.slip_words(state).word)]
     if control is not None:
         for name, unit, k, digits in (("force", "N", 0, 1), ("torque", "N m", 3, 2)):
-            three = ", ".join(f"{v:.{digits}f}" for v in control.measured[k : k + 3])
+            three = ", ".join(f"{v:z.{digits}f}" for v in control.measured[k : k + 3])
             rows.append((f"{name} x, y, z [{unit}]", three))
     if state.X_WE is not None:
-        rows.append(("flange x, y, z [mm]", ", ".join(f"{1e3 * v:.0f}" for v in state.X_WE[:3, 3])))
+        rows.append(("flange x, y, z [mm]", ", ".join(f"{1e3 * v:z.0f}" for v in state.X_WE[:3, 3])))
     if state.arm:
         rows.append(("arm", state.arm))
     if state.arm_holds:
