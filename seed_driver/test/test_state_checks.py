@@ -6,7 +6,7 @@ import math
 import pytest
 
 from seed_driver.robot.connection import STATES
-from seed_driver.robot.link import LinkError
+from seed_driver.robot.link import RUNNING, LinkError, unable
 from seed_driver.robot.state_checks import StateError, check_state
 from seed_ur import rtde
 from seed_ur.standin.controller import Controller
@@ -53,9 +53,16 @@ def test_a_number_that_cannot_be_is_named(name: str, value: float) -> None:
 @pytest.mark.parametrize("name", WORDS)
 def test_a_word_that_is_not_known_is_named(name: str, value: int) -> None:
     if name == "safety_status_bits" and value == 99:
-        value = 1 << 11
+        value = 1 << 12
     with pytest.raises(LinkError, match=f"{name} is {value}, which this driver does not know"):
         check_state(spoiled(name, 0, value))
+
+
+def test_an_arm_with_an_enabling_device_that_is_pressed_passes_and_may_move() -> None:
+    """Bit 0: normal mode; bit 11: 3PE input active."""
+    bits = 1 << 0 | 1 << 11
+    check_state(spoiled("safety_status_bits", 0, bits))
+    assert unable(RUNNING, bits) == ""
 
 
 def test_joints_further_than_they_turn_and_a_pose_further_than_it_reaches_are_named() -> None:

@@ -2,7 +2,9 @@
 """What a robot says of itself is checked like what is said to it: a state with a value that cannot be is not used.
 
 Sources: Universal Robots, "Real-Time Data Exchange (RTDE) Guide", and the enumerations of its client library
-(datatypes.h). A word that is not among them comes from a controller that this driver does not understand.
+(datatypes.h, rtde_client.h). A word that is not among them comes from a controller that this driver does not know.
+Bit 11 of safety_status_bits, "is 3PE input active" (a three-position enabling device), is no stop: its issue 394,
+https://github.com/UniversalRobots/Universal_Robots_Client_Library/issues/394.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,7 +33,7 @@ _WORDS: Mapping[str, frozenset[int]] = {
     "robot_mode": frozenset(range(-1, 9)),
     "safety_mode": frozenset((*range(1, 21), 22)),
     "runtime_state": frozenset(range(7)),
-    "safety_status_bits": frozenset(range(1 << 11)),
+    "safety_status_bits": frozenset(range(1 << 12)),
 }
 
 
