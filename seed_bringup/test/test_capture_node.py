@@ -110,3 +110,5 @@ def test_cameras_that_do_not_run_are_told_by_their_topics(
     monkeypatch.setattr(capture, "FIRST", 0.5)
     assert capture.main(["--out", str(tmp_path / "c.npz"), "--left", "/bubble_1"]) == 1
     assert "nothing on /bubble_1/depth/image_rect_raw" in capsys.readouterr().err
+    assert capture.main(["--out", str(tmp_path / "c.npz"), "--brightness", "infra1"]) == 1
+    assert "bubble_left/infra1/image_rect_raw" in capsys.readouterr().err

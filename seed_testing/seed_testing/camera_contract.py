@@ -15,6 +15,7 @@ from seed_core.errors import FailedError
 from seed_core.hand import FINGERS_OF
 from seed_core.program.command_line import Parser, command, number
 from seed_estimation.images import identity
+from seed_ros.images import BRIGHTNESS
 from seed_testing.camera_clauses import Limits, check
 from seed_testing.camera_observation import Observation
 
@@ -30,7 +31,7 @@ def main(argv: list[str]) -> int:
     p.add_argument("--seconds", type=number(1.0, "s", 3600.0), default=10.0, help="of listening; default: %(default)s")
     p.add_argument("--left", default="bubble_left", help="prefix of the left bubble's topics; default: %(default)s")
     p.add_argument("--right", default="bubble_right", help="of the right bubble's; default: %(default)s")
-    p.add_argument("--brightness", default="ir", choices=("ir", "color"), help="default: %(default)s")
+    p.add_argument("--brightness", default="ir", choices=BRIGHTNESS, help="default: %(default)s")
     p.add_argument("--fingers", default="both", choices=tuple(FINGERS_OF), help="default: %(default)s")
     p.add_argument("--rectified", action="store_true", help="streams are rectified: ignore D of camera_info")
     p.add_argument("--rate", type=number(1.0, "Hz", 200.0), default=default.rate, help="[Hz]; default: %(default)s")

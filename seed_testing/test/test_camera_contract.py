@@ -170,7 +170,8 @@ def test_an_image_upside_down_is_told_by_the_dots_of_an_earlier_session() -> Non
     assert "rotated by 180 degrees" in broken(turned, limits)["which way is up"]
 
 
-def test_a_bag_is_judged_by_its_times_of_recording(tmp_path: Path, capsys: Any) -> None:
+@pytest.mark.parametrize("brightness", ["ir", "infra1"])  # the latter as realsense2_camera calls a D405's left imager
+def test_a_bag_is_judged_by_its_times_of_recording(brightness: str, tmp_path: Path, capsys: Any) -> None:
     good, bag = Fault(), tmp_path / "bag"
     with BagWriter(bag) as writer:
         for finger in ("left", "right"):
@@ -178,14 +179,15 @@ def test_a_bag_is_judged_by_its_times_of_recording(tmp_path: Path, capsys: Any) 
             of_info = writer.add_topic(f"/bubble_{finger}/depth/camera_info", "sensor_msgs/msg/CameraInfo")
             writer.write(of_info, int(1e9 * BEGAN), serialize_message(info))
             for kind in ("depth", "ir"):
-                topic = f"/bubble_{finger}/{kind}/image_rect_raw"
+                topic = f"/bubble_{finger}/{'depth' if kind == 'depth' else brightness}/image_rect_raw"
                 connection = writer.add_topic(topic, "sensor_msgs/msg/Image")
                 for k in range(N):
                     i = DRAWN[k][finger]
                     data, code = (i.depth, "32FC1") if kind == "depth" else (i.ir.astype(np.uint16), "mono16")
                     message = image_message(data, code, BEGAN + k * PERIOD, good.frame_id(finger))
                     writer.write(connection, int(1e9 * good.arrival(k)), serialize_message(message))
-    assert camera_contract.main(["--bag", str(bag)]) == 0
+    options = ["--bag", str(bag), "--brightness", brightness]
+    assert camera_contract.main(options) == 0
     assert "age on arrival 20.0 ms" in capsys.readouterr().out
-    assert camera_contract.main(["--bag", str(bag), "--left", "/other"]) == 1
+    assert camera_contract.main([*options, "--left", "/other"]) == 1
     assert "BROKEN" in capsys.readouterr().out

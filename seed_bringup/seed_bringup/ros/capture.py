@@ -27,6 +27,7 @@ from seed_core.hand import Hand, read_hand
 from seed_core.program.command_line import Parser, command, interrupts, number, whole
 from seed_estimation.calibration.calibrate import MembraneShape
 from seed_estimation.calibration.capture import LEAST_POSES, MOST_POSES, Capture
+from seed_ros.images import BRIGHTNESS
 
 FIRST = 15.0  # [s] for the first images
 PATIENCE = 30.0  # [s] for all images of a step
@@ -192,7 +193,7 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--out", type=Path, default=Path("capture.npz"), help="file to write; default: %(default)s")
     p.add_argument("--left", default="bubble_left", help="prefix of the left bubble's topics; default: %(default)s")
     p.add_argument("--right", default="bubble_right", help="of the right bubble's; default: %(default)s")
-    p.add_argument("--brightness", default="ir", choices=("ir", "color"), help="default: %(default)s")
+    p.add_argument("--brightness", default="ir", choices=BRIGHTNESS, help="default: %(default)s")
     p.add_argument("--rectified", action="store_true", help="streams are rectified: ignore D of camera_info")
     p.add_argument("--membrane", type=Path, help="YAML of the membrane's shape: rim_x, rim_y, height, apex")
     p.add_argument("--hand", help="the launch's hand_file, or YAML of the hand alone")

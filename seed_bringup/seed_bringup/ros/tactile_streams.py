@@ -45,7 +45,7 @@ class TactileStreams:
 
         Args:
             prefixes: of the topics, by finger.
-            brightness: 'ir' or 'color'.
+            brightness: one of BRIGHTNESS.
             rectified: as the estimator's parameter.
         """
         self.cameras: dict[str, PinholeCamera] = {}

@@ -15,6 +15,9 @@ from seed_ros.qos import SENSOR
 
 IMAGES = {"depth": "depth/image_rect_raw", "ir": "ir/image_rect_raw"}  # topics below bubble_left/ and bubble_right/
 INFO = "depth/camera_info"
+# Names of the stream that tells brightness. infra1 is realsense2_camera's left imager, rectified and on depth's pixels;
+# its colour is neither, and on color/image_raw since 4.57.4 (realsense-ros, pull request 3437; librealsense 13721).
+BRIGHTNESS = ("ir", "infra1", "color")
 
 
 class Intrinsics(NamedTuple):
