@@ -7,7 +7,7 @@ Source: Universal Robots, "Dashboard Server e-Series"; the order is that of UR's
 import time
 from collections.abc import Callable
 
-from seed_driver.robot.dashboard import LOCAL_CONTROL, NoDashboardError, dashboard
+from seed_driver.robot.dashboard import LOCAL_CONTROL, LateError, NoDashboardError, dashboard
 from seed_driver.robot.link import LinkError
 from seed_driver.robot.robot_api import switch
 
@@ -68,7 +68,7 @@ def local_control(host: str) -> str:
     """That the robot takes no program in local control, and what to do; '' unless its dashboard says that it is."""
     try:
         local = "false" in dashboard(host, "is in remote control").lower()
-    except NoDashboardError:
+    except (LateError, NoDashboardError):
         return ""
     return f"the robot is {LOCAL_CONTROL}, then call resend_robot_program" if local else ""
 
