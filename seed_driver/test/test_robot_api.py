@@ -3,8 +3,9 @@
 
 import json
 import threading
-import urllib.request
+import time
 from collections.abc import Iterator
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from typing import Any
 
@@ -25,6 +26,7 @@ class Robot:
         self.asked: list[tuple[str, Any]] = []
         self.refuses: dict[str, int] = {}
         self.code = 409
+        self.takes = 0.0  # [s] for each action
 
 
 @pytest.fixture
@@ -35,11 +37,13 @@ def robot(monkeypatch: pytest.MonkeyPatch) -> Iterator[Robot]:
         def do_PUT(self) -> None:
             body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
             there.asked.append((self.path, body))
+            time.sleep(there.takes)
             left = there.refuses.get(body["action"], 0)
             there.refuses[body["action"]] = left - 1
             self.send_response(there.code if left > 0 else 200)
-            self.end_headers()
-            self.wfile.write(b"not in remote mode" if left > 0 else b"{}")
+            with suppress(OSError):  # nobody waits any more
+                self.end_headers()
+                self.wfile.write(b"not in remote mode" if left > 0 else b"{}")
 
         def log_message(self, *_: Any) -> None:
             pass
@@ -65,7 +69,6 @@ def test_a_proxy_of_the_computer_is_not_asked(robot: Robot, monkeypatch: pytest.
     monkeypatch.setenv("http_proxy", "http://127.0.77.5:9")
     for name in ("no_proxy", "NO_PROXY"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(urllib.request, "_opener", None)  # urllib keeps the proxies of its first call
     switch(HOST, "unlock protective stop", said="releasing")
     assert len(robot.asked) == 1
 
@@ -97,6 +100,21 @@ def test_waiting_for_the_brakes_ends_when_it_is_given_up(robot: Robot) -> None:
     with pytest.raises(LinkError, match="given up"):
         switch(HOST, "power on", "brake release", said="releasing", pause=pause)
     assert [body["action"] for _, body in robot.asked] == ["POWER_ON", "BRAKE_RELEASE", "BRAKE_RELEASE"]
+
+
+def test_an_arm_that_takes_long_for_its_power_is_waited_for(robot: Robot) -> None:
+    """UR's own client waits for the answer until the arm has its power: self-checks take more than 5 s."""
+    robot.takes = 6.0
+    assert switch(HOST, "power on", said="powering") == "POWER_ON: accepted by the Robot API"
+
+
+def test_a_robot_api_that_does_not_answer_is_not_told_to_be_absent(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(robot_api, "USUAL_PATIENCE", 0.2)
+    robot.takes = 0.5
+    with pytest.raises(LinkError, match=r"has not answered BRAKE_RELEASE within 0.2 s: look at its screen"):
+        switch(HOST, "brake release", said="releasing")
 
 
 def test_the_safety_system_is_restarted(robot: Robot) -> None:

@@ -2,21 +2,23 @@
 """Power, brakes and stops of either kind of controller: by the dashboard server, or PolyScope X's Robot API.
 
 Source: Universal Robots, "Robot API" of PolyScope X 10.11: PUT .../robotstate/v1/state with an action, while the robot
-is in remote mode. It was run against a stand-in for HTTP, never on a controller.
+is in remote mode. It answers when the action is done: UR's Universal_Robots_Client_Library waits 10 s for brakes, and
+longer for power (its pull request 518). It was run against a stand-in for HTTP, never on a controller.
 """
 
 import json
 import time
-import urllib.error
-import urllib.request
 from collections.abc import Callable
+from http.client import HTTPConnection, HTTPException
 
 from seed_driver.robot.dashboard import NoDashboardError, dashboard
 from seed_driver.robot.link import LinkError
 
 PORT = 80
 PATH = "/universal-robots/robot-api/robotstate/v1/state"
-TIMEOUT = 5.0  # [s] of an answer
+TIMEOUT = 2.0  # [s] to connect
+PATIENCE = {"POWER_ON": 60.0}  # [s] of an answer, by the action
+USUAL_PATIENCE = 15.0  # [s] of any other
 SWITCHING = 20.0  # [s] from power to brakes that may be released
 FINAL = (400, 401, 403, 404, 405, 501)  # of HTTP's codes: not understood, not allowed, not there
 ACTIONS = {  # by the dashboard's command
@@ -25,7 +27,6 @@ ACTIONS = {  # by the dashboard's command
     "unlock protective stop": "UNLOCK_PROTECTIVE_STOP",
     "restart safety": "RESTART_SAFETY",
 }
-_DIRECT = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # no proxy stands between us and the arm
 
 
 class RefusedError(LinkError):
@@ -72,19 +73,31 @@ def switch(host: str, *commands: str, said: str, pause: Callable[[float], None] 
 
 
 def _put(host: str, action: str, nobody: str) -> None:
-    url = f"http://{host}:{PORT}{PATH}"
-    body = json.dumps({"action": action}).encode()
-    request = urllib.request.Request(url, body, {"Content-Type": "application/json"}, method="PUT")
+    """Ask for an action, with no proxy between us and the arm. Raises LinkError."""
+    patience = PATIENCE.get(action, USUAL_PATIENCE)
+    connection = HTTPConnection(host, PORT, timeout=TIMEOUT)
     try:
-        with _DIRECT.open(request, timeout=TIMEOUT):
-            pass
-    except urllib.error.HTTPError as error:
-        words = " ".join(error.read(300).decode("utf-8", "replace").split())
-        raise RefusedError(
-            f"the Robot API refuses {action} (HTTP {error.code} {words}): is the robot in Automatic and Remote mode?",
-            error.code in FINAL,
-        ) from error
+        connection.connect()
     except OSError as error:
+        connection.close()
         raise LinkError(
             f"{nobody}, and no Robot API at {host}:{PORT} ({error}), which PolyScope X has from 10.11: use its screen"
         ) from error
+    try:
+        connection.sock.settimeout(patience)
+        connection.request("PUT", PATH, json.dumps({"action": action}), {"Content-Type": "application/json"})
+        answer = connection.getresponse()
+        words = " ".join(answer.read(300).decode("utf-8", "replace").split())
+    except TimeoutError as error:
+        raise LinkError(
+            f"the Robot API at {host}:{PORT} has not answered {action} within {patience:g} s: look at its screen"
+        ) from error
+    except (OSError, HTTPException) as error:
+        raise LinkError(f"the Robot API at {host}:{PORT} breaks off {action} ({error}): use its screen") from error
+    finally:
+        connection.close()
+    if (code := answer.status) >= 300:
+        raise RefusedError(
+            f"the Robot API refuses {action} (HTTP {code} {words}): is the robot in Automatic and Remote mode?",
+            code in FINAL,
+        )
