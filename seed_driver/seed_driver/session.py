@@ -14,6 +14,7 @@ from seed_driver.robot import link
 from seed_driver.robot.connection import Robot, require
 from seed_driver.robot.link import AbsentError, LinkError
 from seed_driver.robot.state_checks import StateError
+from seed_ur.models import MODELS
 
 STATE_PERIOD = 0.002  # [s] between states of the robot
 WAITING = "waiting for the robot program"
@@ -202,7 +203,8 @@ class Session:
         if off > MODEL_TOLERANCE:
             raise LinkError(
                 f"model {self.config.model} puts the flange {off:.3f} m from where the robot says it is "
-                f"(limit {MODEL_TOLERANCE} m): set model or calibration_file"
+                f"(limit {MODEL_TOLERANCE} m): set model or calibration_file; known are {' and '.join(MODELS)}, "
+                "of a CB3 no arm"
             )
 
     def _off_model(self, s: RobotState) -> float:

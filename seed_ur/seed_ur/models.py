@@ -4,6 +4,9 @@
 Sources: Universal Robots, "DH parameters for calculations of kinematics and dynamics" (lengths, masses,
 centres of mass); user manuals SW 5.8 (range, speed, torque). Real arms deviate by their calibration
 (seed_driver.motion.calibrated_kinematics).
+
+The UR5 and UR10 of a CB3 are other arms: of lengths that put the flange 3 to 8 cm elsewhere (same source). A UR7e has
+the lengths of a UR5e (Universal_Robots_ROS2_Description, pull request 333).
 """
 
 from collections.abc import Mapping
