@@ -11,6 +11,7 @@ import pytest
 from seed_driver.robot import dashboard as module
 from seed_driver.robot import robot_api
 from seed_driver.robot.dashboard import LateError, NoDashboardError, dashboard
+from seed_driver.robot.link import LinkError
 from seed_driver.robot.recovery import local_control, power_on
 
 HOST = "127.0.77.8"
@@ -68,6 +69,15 @@ def test_a_robot_that_takes_a_second_for_its_power_is_powered(slow: Slow) -> Non
     assert slow.heard[-2:] == ["power on", "brake release"]
 
 
+def test_no_brake_is_released_where_it_was_given_up_while_the_power_came(slow: Slow) -> None:
+    def given_up(_: float) -> None:
+        raise LinkError("given up")
+
+    with pytest.raises(LinkError, match="given up"):
+        power_on(HOST, pause=given_up)
+    assert slow.heard == ["safetystatus", "power on"]
+
+
 def test_a_robot_whose_dashboard_has_just_started_is_powered(slow: Slow) -> None:
     slow.greets_after = 0.8
     assert dashboard(HOST, "power on", "brake release") == "Brake releasing"
@@ -76,9 +86,7 @@ def test_a_robot_whose_dashboard_has_just_started_is_powered(slow: Slow) -> None
 def test_one_that_does_not_answer_is_not_told_to_have_none(slow: Slow, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "PATIENCE", 0.3)
     slow.acts_after = 0.6
-    with pytest.raises(
-        LateError, match=r"has not answered 'power on, brake release' within 0.3 s: look at the pendant"
-    ):
+    with pytest.raises(LateError, match=r"has not answered 'power on' within 0.3 s: look at the pendant"):
         power_on(HOST)
 
 

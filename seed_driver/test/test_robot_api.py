@@ -93,13 +93,22 @@ def test_waiting_for_the_brakes_ends_when_it_is_given_up(robot: Robot) -> None:
     pauses: list[float] = []
 
     def pause(duration: float) -> None:
-        pauses.append(duration)
+        pauses.extend([duration] if duration else [])
         if len(pauses) == 2:
             raise LinkError("given up")
 
     with pytest.raises(LinkError, match="given up"):
         switch(HOST, "power on", "brake release", said="releasing", pause=pause)
     assert [body["action"] for _, body in robot.asked] == ["POWER_ON", "BRAKE_RELEASE", "BRAKE_RELEASE"]
+
+
+def test_no_brake_is_released_where_it_was_given_up_while_the_power_came(robot: Robot) -> None:
+    def given_up(_: float) -> None:
+        raise LinkError("given up")
+
+    with pytest.raises(LinkError, match="given up"):
+        switch(HOST, "power on", "brake release", said="releasing", pause=given_up)
+    assert [body["action"] for _, body in robot.asked] == ["POWER_ON"]
 
 
 def test_an_arm_that_takes_long_for_its_power_is_waited_for(robot: Robot) -> None:

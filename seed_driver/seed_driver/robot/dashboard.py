@@ -3,7 +3,7 @@
 
 Sources: Universal Robots, "Dashboard Server e-Series"; how long it takes: UR's Universal_Robots_Client_Library, pull
 requests 126 (its greeting 1.5 s after the port opens, at the controller's start) and 414 (power on may take longer
-still), and Universal_Robots_ROS2_Driver, pull request 1564 (a second for a change of power).
+still), and Universal_Robots_ROS2_Driver, pull request 1564 (a second of power off).
 """
 
 import socket

@@ -2,8 +2,8 @@
 """Power, brakes and stops of either kind of controller: by the dashboard server, or PolyScope X's Robot API.
 
 Source: Universal Robots, "Robot API" of PolyScope X 10.11: PUT .../robotstate/v1/state with an action, while the robot
-is in remote mode. It answers when the action is done: UR's Universal_Robots_Client_Library waits 10 s for brakes, and
-longer for power (its pull request 518). It was run against a stand-in for HTTP, never on a controller.
+is in remote mode. It may answer only when the action is done: UR's Universal_Robots_Client_Library waits 10 s for
+brakes, and longer for power (its pull request 518). It was run against a stand-in for HTTP, never on a controller.
 """
 
 import json
@@ -51,7 +51,11 @@ def switch(host: str, *commands: str, said: str, pause: Callable[[float], None] 
         LinkError: neither is there, or it refuses.
     """
     try:
-        answer = dashboard(host, *commands)
+        answer = ""
+        for i, command in enumerate(commands):  # one by one: no brake is released once it is given up
+            if i:
+                pause(0.0)
+            answer = dashboard(host, command)
         if said not in answer.lower():
             raise LinkError(answer)
         return answer
@@ -59,6 +63,8 @@ def switch(host: str, *commands: str, said: str, pause: Callable[[float], None] 
         nobody = str(error).partition(";")[0]
     done: list[str] = []
     for action in (ACTIONS[c] for c in commands if c in ACTIONS):
+        if done:
+            pause(0.0)
         until = time.monotonic() + (SWITCHING if done else 0.0)  # what comes after power has to wait for it
         while True:
             try:
