@@ -275,6 +275,25 @@ def test_a_goal_that_is_refused_does_not_zero_the_sensor(bench: Bench, tmp_path:
     assert cell._zero is zero
 
 
+def test_a_run_that_goes_on_keeps_the_zero_of_its_sensor(bench: Bench, tmp_path: Path) -> None:
+    """Interrupted at a pose that loads the sensor, that load would be the zero of the poses to come."""
+    cell, node = _nodes(bench)
+    _begin(cell, node, tmp_path)
+    assert bench.until(lambda: not node.streams.missing(node.now()))
+    zero = cell._zero
+    goal = IdentifyStiffness.Goal(output=str(tmp_path), zero_sensor=True)
+    handle = bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)
+    assert bench.until(lambda: node._moving is not None)
+    assert bench.until(handle.cancel_goal_async().done)
+    assert "cancelled" in bench.result(handle).result.message
+    assert cell._zero is zero
+    other = IdentifyStiffness.Goal(output=str(tmp_path / "other"), zero_sensor=True)
+    handle = bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", other)
+    assert bench.until(handle.cancel_goal_async().done)
+    assert "cancelled" in bench.result(handle).result.message
+    assert cell._zero is not zero  # of a new one it is taken
+
+
 def test_a_sensor_that_does_not_answer_ends_the_goal(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

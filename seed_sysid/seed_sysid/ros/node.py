@@ -35,6 +35,7 @@ from seed_ros.conversions import (
 )
 from seed_sysid.data.bag import TOPIC
 from seed_sysid.data.dataset import SOURCES, Header
+from seed_sysid.data.sample_file import read
 from seed_sysid.parameters import Procedure
 from seed_sysid.ros.goal import ActiveGoal, ClocksBefore, GoalCancelledError, date
 from seed_sysid.run.live import Live, LiveError, Streams
@@ -155,16 +156,21 @@ class SysidNode(SeedNode):
         return await active.finished
 
     async def _begin(self, goal: ServerGoalHandle) -> ActiveGoal:
-        """Zero the sensor if asked for, and start; no other goal starts meanwhile."""
+        """Zero the sensor if asked for, unless a run goes on, and start; no other goal starts meanwhile."""
         if self._active is not None or self._starting:
             raise LiveError("an identification is running: cancel it first")
         if self.streams.held:
             raise LiveError(f"cannot start: {self.streams.held}")
         self._starting = True
         try:
-            if goal.request.zero_sensor:
+            folder = Path(goal.request.output or f"{self.settings.output}/identify-{datetime.now(UTC):%Y%m%d-%H%M%S}")
+            file = folder / "samples.jsonl"
+            if goal.request.zero_sensor and file.exists() and read(file).samples:
+                # the arm stands where it was interrupted: that load would be the new zero of the same grip
+                self.get_logger().warning(f"ft_sensor/zero is not called: the run of {folder} goes on with its zero")
+            elif goal.request.zero_sensor:
                 await self._zero_sensor()
-            return self._start(goal)
+            return self._start(goal, folder)
         finally:
             self._starting = False
 
@@ -183,7 +189,7 @@ class SysidNode(SeedNode):
         if not answer.success:
             raise LiveError(f"ft_sensor/zero refused: {answer.message}")
 
-    def _start(self, goal: ServerGoalHandle) -> ActiveGoal:
+    def _start(self, goal: ServerGoalHandle, folder: Path) -> ActiveGoal:
         source = goal.request.poses or "kinematic"
         if source not in SOURCES:
             raise LiveError(f"poses = '{source}' must be kinematic or estimator")
@@ -196,7 +202,6 @@ class SysidNode(SeedNode):
             sensor_rpy=tuple(float(v) for v in np.deg2rad(s.sensor.rpy_deg)),
             sensor_range=(s.sensor_range_force, s.sensor_range_torque),
         )
-        folder = Path(goal.request.output or f"{s.output}/identify-{datetime.now(UTC):%Y%m%d-%H%M%S}")
         file, now = folder / "samples.jsonl", self.now()
         live = Live(self.procedure, head, self.hand.X_EC, self.streams, file, now, date(), source)
         assert self.streams.X_WE is not None
