@@ -79,7 +79,9 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--live", action="store_true", help="on the running cell, by the node sysid; Ctrl-C cancels")
     domain_argument(out)
     out.add_argument(
-        "--zero-sensor", action="store_true", help="with --live: zero the sensor first; a run that goes on keeps its zero"
+        "--zero-sensor",
+        action="store_true",
+        help="with --live: zero the sensor first; a run that goes on keeps its zero",
     )
     out.add_argument("--in-the-loop", action="store_true", help="also wipe a table with the result, against the truth")
     out.add_argument(

@@ -14,7 +14,7 @@ from seed_bringup import identify
 from seed_core.config import ConfigError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS
-from seed_core.spatial import pose_from_rpy, so3_log
+from seed_core.spatial import make_pose, pose_from_rpy, so3_log
 from seed_sim.identification.cell import SimulatedCell
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
@@ -449,6 +449,28 @@ def test_a_run_that_goes_on_is_in_a_new_grasp_if_the_tool_was_lost_or_slid(tmp_p
         _go_on(live, count)
         live.recorder.close()
     assert [s.grasp for s in read(tmp_path / "samples.jsonl").samples] == [0, 1, 1]
+
+
+@pytest.mark.parametrize(("shift", "taken"), [(0.0003, True), (0.003, False)])
+def test_a_new_grasp_elsewhere_than_the_first_does_not_go_on(tmp_path: Path, shift: float, taken: bool) -> None:
+    """The arm holds where the tool slid. Gripped anew there, the spring is at rest away from the pose of the file."""
+    streams = _streams(0.0)
+    live = _live(streams, tmp_path)
+    _go_on(live, 1)
+    streams.slip.append(0.5)
+    with pytest.raises(LiveError, match="slips in the grasp"):
+        _go_on(live, 2)
+    live.recorder.close()
+    streams = _streams(0.0)
+    streams.X_WE = make_pose(None, (0.0, shift, 0.0))
+    if taken:
+        _live(streams, tmp_path).recorder.close()
+        return
+    with pytest.raises(
+        LiveError, match=r"the arm is 3\.0 mm and 0\.0 deg from .* open the gripper, bring the arm back"
+    ):
+        _live(streams, tmp_path)
+    _live(_streams(0.0), tmp_path).recorder.close()  # it is as good as before
 
 
 def _go_on(live: Live, count: int) -> None:

@@ -27,6 +27,7 @@ PAUSE = 2.0  # [s] between two steps that does
 STALE_PRESSURE = 0.5  # [s] of a pressure, as long as the controller counts it
 ESTIMATE, WIDTH = "relative_pose", "gripper/width"
 PRESSURE = {finger: f"bubble_{finger}/pressure" for finger in FINGERS}
+ANEW = (0.5e-3, 0.5)  # [m], [deg] off the first grasp at which a new one in the same run is taken at most
 MOST = 1000  # wrenches that are kept for a mean
 
 
@@ -132,7 +133,8 @@ class Live:
         source: of the poses that will be fitted, 'kinematic' or 'estimator', which then must be there.
 
         Raises:
-            LiveError: an input is missing or in another unit, or the arm is not at the grasp that the file speaks of.
+            LiveError: an input is missing or in another unit, the arm is not at the grasp that the file speaks of, or
+                the new grasp that it asks for was taken elsewhere.
             DatasetError: the file belongs to another run.
         """
         if streams.held:
@@ -168,6 +170,13 @@ class Live:
                 f"the arm is {1e3 * shift:.1f} mm and {turn:.1f} deg from the grasp of {file} (at most "
                 f"{1e3 * limits.translation:g} mm and {limits.rotation_deg:g} deg): "
                 "bring it back, or choose another output"
+            )
+        if self.recorder.regrasp and (shift > ANEW[0] or turn > ANEW[1]):  # it is unloaded here, and T is elsewhere
+            self.recorder.close()
+            raise LiveError(
+                f"the tool was lost or slid, and the arm is {1e3 * shift:.1f} mm and {turn:.1f} deg from where {file} "
+                f"has its grasp (a new one at most {1e3 * ANEW[0]:g} mm and {ANEW[1]:g} deg): open the gripper, bring "
+                "the arm back and grip there, or choose another output"
             )
         self._last: float | None = None  # [s] time of the last tick
         finished, lost = {s.key for s in self.recorder.samples}, self.recorder.lost

@@ -156,7 +156,7 @@ class Run:
         limits = self.procedure.limits
         if reading.gross_slip or reading.slip > limits.slip:
             reason = f"the tool slips in the grasp (slip {reading.slip:.2f}, limits.slip = {limits.slip:g})"
-            failure = f"{reason}: grip again, more firmly or with smaller poses"
+            failure = f"{reason}: grip again where it was gripped first, or with another output and smaller poses"
             return self._command("failed", failure=failure, event=f"{self._visit.target.name}: {reason}", slid=True)
         if self._tare is None:
             self._tare = reading.wrench
