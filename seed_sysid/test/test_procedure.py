@@ -22,7 +22,7 @@ from seed_sysid.data.dataset import Header
 from seed_sysid.data.sample_file import read
 from seed_sysid.fit.analysis import analyse
 from seed_sysid.parameters import ExcitationParameters, LimitParameters, Procedure, SettleParameters
-from seed_sysid.run.excitation import Target, design
+from seed_sysid.run.excitation import Target, design, designs
 from seed_sysid.run.live import MOST, Live, LiveError, Streams
 from seed_sysid.run.procedure import Command, Reading, Run, average
 from seed_sysid.run.reach import Reach
@@ -471,6 +471,22 @@ def test_a_new_grasp_elsewhere_than_the_first_does_not_go_on(tmp_path: Path, shi
     ):
         _live(streams, tmp_path)
     _live(_streams(0.0), tmp_path).recorder.close()  # it is as good as before
+
+
+def test_the_gripper_changes_its_width_at_the_centre_only() -> None:
+    """A pose of the first grip was skipped, and the run was interrupted at the third one, away from the centre."""
+    p = Procedure()
+    keys = [f"{grip}/{t.name}" for grip, targets in enumerate(designs(p)) for t in targets]
+    X_TC, width, changes = make_pose(None, (0.006, 0.0, 0.003)), p.widths[2], []
+    run = Run(p, set(keys[:150]) - {keys[30]}, start=X_TC)
+    for now in np.arange(0.0, 9.0, 0.02):
+        command = run.step(Reading(now, X_TC, np.zeros(6), width))
+        if command.width not in (None, width):
+            width = command.width
+            changes.append((width, float(np.abs(X_TC - np.eye(4)).max())))
+        X_TC = command.X_TC
+    assert [w for w, _ in changes] == [p.widths[0], p.widths[2]]
+    assert max(away for _, away in changes) < 3e-4  # [m] one step
 
 
 def _go_on(live: Live, count: int) -> None:

@@ -46,12 +46,14 @@ class SimulatedCell:
         self._lag = np.zeros((2, 6))
         self._disturbance = np.zeros(6)
         self._still, self.outliers = True, 0
+        self._width = float(np.median(scenario.procedure.widths))  # [m]
         self.stamp = 0.0
 
     def step(self, command: Command) -> Reading:
         """Advance one period under a command."""
         s, dt = self.scenario, 1.0 / self.scenario.rate
         self.stamp += dt
+        self._width = self._width if command.width is None else command.width
         moving = bool(np.abs(command.X_TC - self._goal).max() > 1e-12)
         if self._still and moving:
             self._new_pose()
@@ -66,11 +68,11 @@ class SimulatedCell:
         sensed = self._sensed(self._lag.sum(axis=0))
         if seen is None or not seen.valid:
             followed = None if seen is None else False
-            return Reading(self.stamp, command.X_TC, sensed, command.width, pressures, followed=followed)
+            return Reading(self.stamp, command.X_TC, sensed, self._width, pressures, followed=followed)
         membrane = self.with_pressure(seen.membrane, pressures)
         X_seen = inverse_pose(seen.of_patches().X_CT)
         return Reading(
-            self.stamp, command.X_TC, sensed, command.width, pressures, X_seen, membrane=membrane, followed=True
+            self.stamp, command.X_TC, sensed, self._width, pressures, X_seen, membrane=membrane, followed=True
         )
 
     def grip_anew(self) -> None:
@@ -89,9 +91,10 @@ class SimulatedCell:
         X_TC, self._goal = command.X_TC @ self._error, command.X_TC
         self._lag = np.array([self._spring(X_TC, command.grip), np.zeros(6)])
         self.stamp += _RESTS
+        self._width = self._width if command.width is None else command.width
         pressures = self._pressures(command.grip)
         sensed = [self._sensed(self._lag[0]) for _ in range(count)]
-        return [Reading(self.stamp, command.X_TC, w, command.width, pressures) for w in sensed]
+        return [Reading(self.stamp, command.X_TC, w, self._width, pressures) for w in sensed]
 
     def _pressures(self, grip: int) -> tuple[float, ...]:
         """What both bubbles report [hPa]."""

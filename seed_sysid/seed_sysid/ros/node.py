@@ -236,7 +236,8 @@ class SysidNode(SeedNode):
             self._target.publish(pose_stamped(active.target, now, self.frames.base))
 
     def _tell(self, active: ActiveGoal, command: Command, now: float) -> None:
-        self._width.publish(Float64(data=float(command.width)))
+        if command.width is not None:
+            self._width.publish(Float64(data=float(command.width)))
         if command.sample:
             self._lines.publish(String(data=active.live.recorder.lines()[-1]))
         if now - active.fed_back < FEEDBACK and not command.done:

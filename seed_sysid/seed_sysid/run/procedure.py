@@ -55,10 +55,13 @@ class Reading:
 
 @dataclass(frozen=True)
 class Command:
-    """Where C should be in T now (4, 4), how wide the gripper [m], and what is being done."""
+    """Where C should be in T now (4, 4), how wide the gripper [m], and what is being done.
+
+    width: None leaves it as it is, on the way to the centre, where the tool bears a change.
+    """
 
     X_TC: Array
-    width: float
+    width: float | None
     grip: int
     state: str
     measuring: bool = False
@@ -170,7 +173,8 @@ class Run:
 
     def _command(self, state: str, **more: object) -> Command:
         grip = self._queue[0][0] if self._queue else len(self.procedure.widths) - 1
-        return Command(self._at, self.procedure.widths[grip], grip, state, **more)  # type: ignore[arg-type]
+        width = self.procedure.widths[grip] if grip == self._grip or self._grip_start is not None else None
+        return Command(self._at, width, grip, state, **more)  # type: ignore[arg-type]
 
     def _change_grip(self, grip: int, stamp: float, dt: float) -> bool:
         """Go to the centre and give the gripper time there; whether it has had it."""
