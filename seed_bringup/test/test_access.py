@@ -81,6 +81,7 @@ def test_each_node_may_do_what_it_needs(store: Path) -> None:
         assert may(store, "/controller", "publish", topic)
     for topic in ("rt/relative_pose", "rt/driver/hold_reason", "rq/controller/enableRequest", "rt/clock_answer"):
         assert may(store, "/controller", "subscribe", topic)
+    assert may(store, "/controller", "subscribe", "rt/wrench")  # arm_wrench:=wrench of the launch
     assert may(store, "/driver", "subscribe", "rt/target_frame")
     assert may(store, "/operator", "subscribe", "rr/controller/enableReply")
     assert all(may(store, e, does, "ros_discovery_info") for e in enclaves(store) for does in ("publish", "subscribe"))

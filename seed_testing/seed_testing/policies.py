@@ -63,6 +63,8 @@ def rights_of_nodes(document: str) -> dict[str, Rights]:
 def _absolute(node: str, name: str) -> list[str]:
     if name == "arm_hold_reason":
         return [f"/{arm}/hold_reason" for arm in ARMS]
+    if name == "arm_wrench":
+        return ["/arm_wrench", "/wrench"]  # the UR's own, with arm_wrench:=wrench of the launch files
     return [f"/{node}/{name[2:]}" if name.startswith("~/") else f"/{name.lstrip('/')}"]
 
 
