@@ -294,6 +294,22 @@ def test_a_run_that_goes_on_keeps_the_zero_of_its_sensor(bench: Bench, tmp_path:
     assert cell._zero is not zero  # of a new one it is taken
 
 
+def test_a_bag_that_is_begun_late_has_the_samples_of_the_last_run_alone(bench: Bench, tmp_path: Path) -> None:
+    """One with those of the run before as well would be refused: it holds two identifications."""
+    _, node = _nodes(bench)
+    assert bench.until(lambda: not node.streams.missing(node.now()))
+    for name in ("first", "second"):
+        goal = IdentifyStiffness.Goal(output=str(tmp_path / name))
+        handle = bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)
+        assert bench.until(handle.cancel_goal_async().done)
+        assert "cancelled" in bench.result(handle).result.message
+    lines: list[str] = []
+    bench.client.create_subscription(String, "identification/samples", lambda m: lines.append(m.data), LINES)
+    assert bench.until(lambda: lines)
+    bench.spin(0.5)
+    assert lines == (tmp_path / "second" / "samples.jsonl").read_text().splitlines()
+
+
 def test_a_sensor_that_does_not_answer_ends_the_goal(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

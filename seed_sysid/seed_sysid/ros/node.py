@@ -206,6 +206,8 @@ class SysidNode(SeedNode):
         live = Live(self.procedure, head, self.hand.X_EC, self.streams, file, now, date(), source)
         assert self.streams.X_WE is not None
         self._active = ActiveGoal(goal, live, folder, source, self.streams.X_WE, self._clocks)
+        self.destroy_publisher(self._lines)  # it would tell a bag that is begun now of the run before, too
+        self._lines = self.create_publisher(String, TOPIC, LINES)
         for line in live.recorder.lines():
             self._lines.publish(String(data=line))
         if live.recorder.remark:
