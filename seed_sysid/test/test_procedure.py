@@ -18,7 +18,7 @@ from seed_core.spatial import make_pose, pose_from_rpy, so3_log
 from seed_sim.identification.cell import SimulatedCell
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
-from seed_sysid.data.dataset import Header
+from seed_sysid.data.dataset import DatasetError, Header
 from seed_sysid.data.sample_file import read
 from seed_sysid.fit.analysis import analyse
 from seed_sysid.parameters import ExcitationParameters, LimitParameters, Procedure, SettleParameters
@@ -471,6 +471,18 @@ def test_a_new_grasp_elsewhere_than_the_first_does_not_go_on(tmp_path: Path, shi
     ):
         _live(streams, tmp_path)
     _live(_streams(0.0), tmp_path).recorder.close()  # it is as good as before
+
+
+def test_a_run_does_not_go_on_with_another_place_of_C_in_the_flange(tmp_path: Path) -> None:
+    """Its poses are those of the old C: the arm would go 5 mm off the grasp, and count the other poses from there."""
+    head = Header("hand", "tool")
+    for z, taken in ((0.15, True), (0.155, False), (0.15, True)):
+        start = (Procedure(), head, make_pose(None, (0.0, 0.0, z)), _streams(0.0), tmp_path / "samples.jsonl", 0.0, "")
+        if taken:
+            Live(*start).recorder.close()
+            continue
+        with pytest.raises(DatasetError, match=r"its hand file \(hand\.E_C\) or its procedure was another: choose"):
+            Live(*start)
 
 
 def test_the_gripper_changes_its_width_at_the_centre_only() -> None:

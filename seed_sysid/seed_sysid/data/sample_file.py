@@ -52,9 +52,12 @@ class Recorder:
 
     def _continue(self, path: Path) -> None:
         old = read(path)
-        if old.header.run != self.header.run:
+        its_run, run = old.header.run, self.header.run
+        if its_run != run:
+            live = not run.startswith("simulation") and its_run.rpartition(" ")[0] == run.rpartition(" ")[0]
+            why = "; its hand file (hand.E_C) or its procedure was another" if live else ""
             raise DatasetError(
-                f"{path} belongs to the run '{old.header.run}', not to '{self.header.run}': choose another --out, "
+                f"{path} belongs to the run '{its_run}', not to '{run}'{why}: choose another --out, "
                 "or move the file away; it was left as it is"
             )
         given = {name: getattr(self.header, name) for name in SENSOR}

@@ -150,9 +150,10 @@ class Live:
         self.streams, self.X_EC = streams, X_EC
         X_WC = streams.X_WE @ X_EC
         grasp = flat_pose(X_WC)
+        same = (procedure, [round(v, 9) for v in flat_pose(X_EC)])  # in all poses of a file
         head = replace(
             head,
-            run=f"{head.hand} {head.tool} {zlib.crc32(repr(procedure).encode()):08x}",
+            run=f"{head.hand} {head.tool} {zlib.crc32(repr(same).encode()):08x}",
             planned=Run(procedure).total,
             grasp_xyz=grasp[:3],
             grasp_rpy=grasp[3:],
