@@ -64,9 +64,7 @@ class WeightCheck:
         self._mass = settings.mass_deviation * tool.mass * GRAVITY  # [N]
         self._lever = 1e-3 * settings.centre_deviation  # [m]
         self._waiting: deque[FreeSpaceSample] = deque()
-        self._places: deque[tuple[Array, Array]] = deque(
-            maxlen=PLACES
-        )  # tip in W [m], force of the difference in T [N]
+        self._places: deque[tuple[Array, Array]] = deque(maxlen=PLACES)  # tip in W [m], the force's difference in T
         self._touched: tuple[Array, Array] | None = None  # tip and direction of the last touch
         self.passed: list[FreeSpaceSample] = []
         self.new_grasp()
