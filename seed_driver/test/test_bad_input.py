@@ -12,6 +12,7 @@ import pytest
 
 from seed_driver.config import DriverConfig
 from seed_driver.process.supervisor import Supervisor
+from seed_driver.robot.rtde_client import RtdeClient
 from seed_testing.fault_bench.bench import FaultBench
 from seed_ur.standin_client import StandIn, private_host
 
@@ -133,6 +134,15 @@ def test_a_second_client_is_told_who_holds_the_registers() -> None:
         first.run(0.2)
         assert first.state.armed  # undisturbed
         assert first.state.linked
+
+
+def test_the_driver_of_a_force_sensor_keeps_its_input() -> None:
+    """A sensor that is not the robot's own is told to it by RTDE; only one client may write an input."""
+    with StandIn() as robot, RtdeClient(robot.host) as sensor:
+        assert sensor.take_inputs("external_force_torque")
+        with FaultBench(robot=robot) as bench:
+            bench.ready()
+            assert bench.state.armed
 
 
 def test_a_missing_library_names_the_pip_command(tmp_path: Path, monkeypatch) -> None:
