@@ -1,10 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scheduling is changed where it is meant to be, and nowhere else."""
 
+import json
 import os
+import subprocess
+import sys
+
+import pytest
 
 from seed_driver.config import DriverConfig
 from seed_driver.process.realtime import threads_above
+from seed_ur.standin_client import StandIn
+
+PRIORITIES = """
+import os, sys
+from seed_driver.config import DriverConfig
+from seed_driver.robot.connection import Robot
+
+robot = Robot(DriverConfig(robot_ip=sys.argv[1]))
+robot.start_program()
+print(sorted(os.sched_getparam(int(thread)).sched_priority for thread in os.listdir("/proc/self/task")))
+os._exit(0)
+"""
 
 
 def test_the_priority_of_new_threads_is_not_kept_by_the_one_that_makes_them() -> None:
@@ -15,3 +32,16 @@ def test_the_priority_of_new_threads_is_not_kept_by_the_one_that_makes_them() ->
     with threads_above(DriverConfig(robot_ip="127.0.0.1", realtime_priority=5, cpu=0)):
         pass
     assert scheduling() == before
+
+
+@pytest.mark.realtime
+def test_ur_rtde_gives_no_thread_a_priority_of_its_own_on_a_real_time_kernel() -> None:
+    if subprocess.run(["unshare", "--mount", "true"], capture_output=True).returncode:
+        pytest.skip("only root can show ur_rtde a real-time kernel")
+    show = 'mount -t tmpfs none /sys/kernel && echo 1 > /sys/kernel/realtime && exec "$@"'
+    with StandIn() as robot:
+        shown = ["unshare", "--mount", "sh", "-c", show, "sh", sys.executable, "-c", PRIORITIES, robot.host]
+        done = subprocess.run(shown, capture_output=True, text=True, timeout=60.0)
+    priorities = done.stdout.splitlines()[-1]
+    assert len(json.loads(priorities)) > 1, done.stderr  # its thread is there
+    assert set(json.loads(priorities)) == {0}

@@ -34,6 +34,8 @@ PARTING = 0.05  # [s] between the ends of the two connections to a controller th
 CLEARING = 0.2  # [s] from the answer to an unlock to states without the stop
 INERTIA = (5, 11)  # first PolyScope that is told of it: neither our program nor ur_rtde's does so on CB3
 UPLOAD, UPPER_REGISTERS, NO_WAIT, NO_EXTERNAL_SENSOR = 1, 8, 16, 64  # ur_rtde's flags
+CAP_PORT = 50002  # ur_rtde's default; nothing listens there without its flag for External Control
+OUR_PRIORITY = -1  # leave the threads' as it is
 INSTALL = "ur_rtde is not installed: pip install ur-rtde==1.6.5 (wheels exist for Python 3.10 to 3.12 on x86_64)"
 SLIDER = rtde.Recipe.of(("speed_slider_mask", "speed_slider_fraction"), rtde.INPUTS)
 
@@ -174,11 +176,14 @@ class Robot:
         """ur_rtde's control interface, which clears the command register, and the program.
 
         Without its flag ur_rtde 1.6.5 takes the input `external_force_torque` as well (recipe 23 of
-        RTDEControlInterface::setupRecipes), and fails where the driver of a force/torque sensor has it.
+        RTDEControlInterface::setupRecipes), and fails where the driver of a force/torque sensor has it. With its own
+        priority (0) it puts the calling thread, and so the one that it makes, at SCHED_FIFO 90 where the kernel is a
+        real-time one (RTDEUtility::setRealtimePriority): on one `cpu` the first, which spins, then starves the second.
         """
         checked = self.config.robot_program == "checked"
         flags = (NO_WAIT if checked else UPLOAD) | (UPPER_REGISTERS if self.offset else 0) | NO_EXTERNAL_SENSOR
-        self.control = self._control_class(self.config.robot_ip, min(self.rate, CONTROL_RATE), flags)
+        rate = min(self.rate, CONTROL_RATE)
+        self.control = self._control_class(self.config.robot_ip, rate, flags, CAP_PORT, OUR_PRIORITY)
         if checked:
             self.control.setCustomScriptFile(program_file(program(self.version, self.offset)))  # sends it, too
 
