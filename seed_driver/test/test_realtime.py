@@ -3,13 +3,14 @@
 
 import json
 import os
+import resource
 import subprocess
 import sys
 
 import pytest
 
 from seed_driver.config import DriverConfig
-from seed_driver.process.realtime import threads_above
+from seed_driver.process.realtime import take_priority, threads_above
 from seed_ur.standin_client import StandIn
 
 PRIORITIES = """
@@ -32,6 +33,27 @@ def test_the_priority_of_new_threads_is_not_kept_by_the_one_that_makes_them() ->
     with threads_above(DriverConfig(robot_ip="127.0.0.1", realtime_priority=5, cpu=0)):
         pass
     assert scheduling() == before
+
+
+@pytest.mark.parametrize(("limit", "ours"), [(99, 60), (61, 60), (60, 59), (40, 39)])
+def test_threads_of_ur_rtde_are_above_ours_whatever_a_user_may_have_at_most(monkeypatch, limit: int, ours: int) -> None:
+    """A thread that spins at the priority of the one that it waits for keeps it from a processor that both share."""
+    now = [(os.SCHED_OTHER, 0)]
+
+    def take(_: int, policy: int, wanted: os.sched_param) -> None:
+        if wanted.sched_priority > max(now[-1][1], limit):  # man 7 sched, "Privileges and resource limits"
+            raise PermissionError
+        now.append((policy, wanted.sched_priority))
+
+    monkeypatch.setattr(os, "sched_setscheduler", take)
+    monkeypatch.setattr(os, "sched_getscheduler", lambda _: now[-1][0])
+    monkeypatch.setattr(os, "sched_getparam", lambda _: os.sched_param(now[-1][1]))
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
+    take_priority(60)
+    assert now[-1] == (os.SCHED_FIFO, ours)
+    with threads_above(DriverConfig(robot_ip="127.0.0.1", realtime_priority=60)):
+        assert now[-1] == (os.SCHED_FIFO, ours + 1)
+    assert now[-1] == (os.SCHED_FIFO, ours)
 
 
 @pytest.mark.realtime

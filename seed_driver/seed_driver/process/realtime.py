@@ -4,6 +4,7 @@
 import ctypes
 import gc
 import os
+import resource
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -36,12 +37,26 @@ def become_realtime(config: DriverConfig) -> None:
         with suppress(OSError):
             os.sched_setaffinity(0, {config.cpu})
     if config.realtime_priority > 0:
-        _prioritize(config.realtime_priority)
+        take_priority(config.realtime_priority)
 
 
-def _prioritize(priority: int) -> None:
-    with suppress(OSError):
+def take_priority(priority: int) -> None:
+    """SCHED_FIFO at this priority, or as near below as leaves one above it to `threads_above`.
+
+    A user without CAP_SYS_NICE gets no more than RLIMIT_RTPRIO, and no thread above it (man 7 sched).
+    """
+    if not _prioritize(priority + 1):
+        priority = min(priority, resource.getrlimit(resource.RLIMIT_RTPRIO)[0] - 1)
+    if priority > 0:
+        _prioritize(priority)
+
+
+def _prioritize(priority: int) -> bool:
+    try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except OSError:
+        return False
+    return True
 
 
 @contextmanager
@@ -49,7 +64,7 @@ def threads_above(config: DriverConfig) -> Iterator[None]:
     """Threads made in the block get a higher priority than ours: ur_rtde spins until they have received something."""
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     if config.realtime_priority > 0:
-        _prioritize(config.realtime_priority + 1)
+        _prioritize((before[1].sched_priority or config.realtime_priority) + 1)
     try:
         yield
     finally:
