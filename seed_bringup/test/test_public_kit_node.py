@@ -36,7 +36,7 @@ PERIOD = 0.1  # [s]: two images of 640 x 480 each, on a busy machine
 def launched() -> Iterator[subprocess.Popen[bytes]]:
     prefixes = [f"{finger}_bubble:={prefix}" for finger, prefix in BUBBLES.items()]
     command = [sys.executable, "-P", "-m", "seed_bringup.commands.dispatch", "launch", "perception", *prefixes]
-    process = subprocess.Popen([*command, "brightness:=color", f"camera_file:={CAMERA}"])
+    process = subprocess.Popen([*command, "brightness:=infra1", f"camera_file:={CAMERA}"])
     try:
         yield process
     finally:
@@ -45,7 +45,7 @@ def launched() -> Iterator[subprocess.Popen[bytes]]:
 
 
 class Kit:
-    """The kit's cameras: depth in whole millimetres, colour, and camera_info, under its own names."""
+    """The kit's cameras by realsense2_camera: depth in whole millimetres, left imager, camera_info; the kit's names."""
 
     def __init__(self, bench: Bench) -> None:
         renderer = tactile.TactileRenderer(tactile.TactileParameters(camera="d405"), Hand(), seed=5)
@@ -58,7 +58,7 @@ class Kit:
             for finger, prefix in BUBBLES.items()
             for kind, message, topic in (
                 ("depth", Image, "depth/image_rect_raw"),
-                ("color", Image, "color/image_rect_raw"),
+                ("infra1", Image, "infra1/image_rect_raw"),
                 ("info", CameraInfo, "depth/camera_info"),
             )
         }
@@ -75,7 +75,7 @@ class Kit:
 
 
 def messages(renderer: Any, images: Any) -> dict[tuple[str, str], Any]:
-    """What the kit publishes at one time."""
+    """What comes from its cameras at one time."""
     out: dict[tuple[str, str], Any] = {}
     for finger, pair in images.items():
         c = renderer.cameras[finger]
@@ -84,7 +84,7 @@ def messages(renderer: Any, images: Any) -> dict[tuple[str, str], Any]:
         grey = np.clip(0.18 * pair.ir, 0, 255).astype(np.uint8)
         out[finger, "info"] = camera_info(intrinsics, 0.0, "camera")
         out[finger, "depth"] = image_message(depth, "16UC1", 0.0, "camera")
-        out[finger, "color"] = image_message(np.dstack([grey] * 3), "rgb8", 0.0, "camera")
+        out[finger, "infra1"] = image_message(grey, "mono8", 0.0, "camera")
     return out
 
 
