@@ -40,7 +40,8 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 _profile = Path(__file__).parent / "seed_bringup/config/loopback_images.xml"  # room for images, and quick discovery
-os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(_profile)
+_fast_dds = "FASTRTPS" if os.environ.get("ROS_DISTRO", "jazzy") == "jazzy" else "FASTDDS"  # as parts/network.xml has it
+os.environ[f"{_fast_dds}_DEFAULT_PROFILES_FILE"] = str(_profile)
 os.environ.pop("SEED_LOOPBACK", None)  # the profile is not that of ./seed
 
 # pytest names a test module by its path, seed_core/test/test_x.py by seed_core.test.test_x; the real package must

@@ -96,11 +96,13 @@ def test_only_changes_that_a_build_reads_make_a_package_build_again(load: object
     assert workspace._digest(package) != with_file
 
 
+@pytest.mark.parametrize("distribution", ["jazzy", "kilted"])
 def test_ros_is_bound_to_this_computer_unless_the_caller_says_otherwise(
-    load: object, monkeypatch: pytest.MonkeyPatch
+    load: object, monkeypatch: pytest.MonkeyPatch, distribution: str
 ) -> None:
     workspace: ModuleType = load("workspace")  # type: ignore[operator]
-    names = reach, profile, by_seed = "ROS_AUTOMATIC_DISCOVERY_RANGE", workspace.PROFILE, workspace.BY_SEED
+    profile = workspace.PROFILE if distribution == "jazzy" else workspace.PROFILE_3
+    names = reach, profile, by_seed = "ROS_AUTOMATIC_DISCOVERY_RANGE", profile, workspace.BY_SEED
     environment = SimpleNamespace(path=Path("/env"), pins="wheels", ros=SimpleNamespace(prefix=None, underlays=[]))
     bound = str(ROOT / "seed_bringup/config/loopback.xml")
 
@@ -109,9 +111,12 @@ def test_ros_is_bound_to_this_computer_unless_the_caller_says_otherwise(
             monkeypatch.delenv(name, raising=False)
         for name, value in given.items():
             monkeypatch.setenv(name, value)
-        merged = workspace._merged({}, ROOT, environment)
+        merged = workspace._merged({"ROS_DISTRO": distribution}, ROOT, environment)
         return tuple(merged.get(name) for name in names)
 
+    other = {workspace.PROFILE, workspace.PROFILE_3} - {profile}
+    monkeypatch.delenv(*other, raising=False)
+    assert other.isdisjoint(workspace._merged({"ROS_DISTRO": distribution}, ROOT, environment))
     assert Path(bound).is_file()
     assert started() == ("LOCALHOST", bound, "true")
     assert started(**{reach: "SUBNET"}) == ("SUBNET", None, None)

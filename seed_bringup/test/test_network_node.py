@@ -21,7 +21,8 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Image
 
 ROOT = Path(__file__).resolve().parents[2]
-RANGE, PROFILE = "ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"
+OLD, NEW = "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"  # of Fast DDS up to Jazzy's, and of 3
+RANGE, PROFILE = "ROS_AUTOMATIC_DISCOVERY_RANGE", OLD if os.environ.get("ROS_DISTRO", "jazzy") == "jazzy" else NEW
 LAUNCHED = ROOT / "seed_bringup/launch/perception_launch.xml"
 CAMERA = """\
 import rclpy
@@ -39,7 +40,7 @@ rclpy.spin(node)
 def described(monkeypatch: pytest.MonkeyPatch, file: Path, before: dict[str, str], **arguments: str) -> Description:
     """What the file starts for a caller with these variables; those of this process are left alone."""
     with monkeypatch.context() as caller:
-        for name in (RANGE, PROFILE, "SEED_LOOPBACK"):
+        for name in (RANGE, OLD, NEW, "SEED_LOOPBACK"):
             caller.delenv(name, raising=False)
         for name, value in before.items():
             caller.setenv(name, value)
@@ -80,6 +81,21 @@ def test_nodes_are_bound_to_this_computer_unless_told_otherwise_and_that_is_said
         assert given in (None, "mine.xml") or Path(given).is_file()
     assert len(found.messages) == (reach == "SUBNET")
     assert all("listen beyond this computer" in message for message in found.messages)
+
+
+@pytest.mark.parametrize(("distribution", "variable"), [("jazzy", OLD), ("kilted", NEW), ("lyrical", NEW)])
+def test_the_profile_goes_by_the_name_that_the_fast_dds_of_each_distribution_reads(
+    monkeypatch: pytest.MonkeyPatch, distribution: str, variable: str
+) -> None:
+    file = ROOT / "seed_bringup/launch/cell_launch.xml"
+    for own, estimator, cameras in (
+        ({}, "loopback.xml", "loopback_images.xml"),
+        ({variable: "mine.xml"}, "mine.xml", "mine.xml"),
+    ):
+        nodes = {n.name: n for n in described(monkeypatch, file, {"ROS_DISTRO": distribution} | own).nodes}
+        for name, profile in (("estimator", estimator), ("bubbles", cameras)):
+            assert Path(nodes[name].environment[variable]).name == profile
+            assert ({OLD, NEW} - {variable}).isdisjoint(nodes[name].environment)
 
 
 def test_of_two_computers_each_starts_its_part_and_is_bound_to_its_address(monkeypatch: pytest.MonkeyPatch) -> None:

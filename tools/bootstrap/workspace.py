@@ -33,7 +33,8 @@ LISTS = (
 )
 KEPT = (*LISTS, "ROS_DISTRO", "ROS_VERSION", "ROS_PYTHON_VERSION", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "VIRTUAL_ENV")
 BY_SEED = "SEED_LOOPBACK"  # tells the launch files whose the profile is
-PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"  # of the Fast DDS in Jazzy
+PROFILE_3 = "FASTDDS_DEFAULT_PROFILES_FILE"  # of Fast DDS 3, from Kilted on (rmw_fastrtps, pull request 806)
 LOOPBACK = Path("seed_bringup") / "config" / "loopback.xml"  # nothing listens on another interface
 DEFAULTS = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
@@ -185,11 +186,12 @@ def _merged(variables: dict[str, str], root: Path, environment: Environment) -> 
     if wheels:
         result["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"
     bound = str(root / LOOPBACK)
-    if result.get(PROFILE) == bound:  # of a start around this one
-        del result[PROFILE]
+    profile = PROFILE if result.get("ROS_DISTRO", "jazzy") == "jazzy" else PROFILE_3
+    if result.get(profile) == bound:  # of a start around this one
+        del result[profile]
     result.pop(BY_SEED, None)
-    if PROFILE not in result and result["ROS_AUTOMATIC_DISCOVERY_RANGE"] in ("LOCALHOST", "OFF"):
-        result |= {PROFILE: bound, BY_SEED: "true"}
+    if profile not in result and result["ROS_AUTOMATIC_DISCOVERY_RANGE"] in ("LOCALHOST", "OFF"):
+        result |= {profile: bound, BY_SEED: "true"}
     if not {"ROS_HOME", "ROS_LOG_DIR"} & result.keys() and home.why_not_writable(Path("~/.ros")):
         result["ROS_LOG_DIR"] = str(environment.path.parent / "log")  # nodes do not start without a place for logs
     result.pop("PYTHONHOME", None)

@@ -131,10 +131,10 @@ class _Resolver:
         scope.variables[element.attributes["name"]] = scope.text(element, "value")
 
     def _set_env(self, element: Element, scope: Scope) -> None:
-        scope.environment[element.attributes["name"]] = scope.text(element, "value")
+        scope.environment[scope.text(element, "name")] = scope.text(element, "value")
 
     def _unset_env(self, element: Element, scope: Scope) -> None:
-        scope.environment.pop(element.attributes["name"], None)
+        scope.environment.pop(scope.text(element, "name"), None)
 
     def _log(self, element: Element, scope: Scope) -> None:
         self.description.messages.append(scope.text(element, "message"))
@@ -174,7 +174,7 @@ class _Resolver:
         except LaunchError as error:
             raise element.error(str(error)) from error
         inside = {tag: [c for c in element.children if c.tag == tag] for tag in ("param", "remap", "env")}
-        own_environment = {e.attributes["name"]: scope.text(e, "value") for e in inside["env"]}
+        own_environment = {scope.text(e, "name"): scope.text(e, "value") for e in inside["env"]}
         node = Node(
             executable=program,
             name=scope.text(element, "name"),
