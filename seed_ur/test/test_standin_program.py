@@ -165,6 +165,19 @@ def test_a_move_in_the_background_gives_way_to_the_next_and_its_end_is_told() ->
     assert rig.robot.values["output_int_register_0"] == 2
 
 
+@pytest.mark.parametrize("command", [(18,), (9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 1.0, 0.3)])
+def test_a_move_in_the_background_does_not_go_on_after_freedrive_or_a_speed(command: tuple[float, ...]) -> None:
+    rig, home = Rig(), Options().home
+    rig.command(1, home[0] + 1.0, *home[1:], 0.5, 1.0, background=1)
+    rig.run(0.8)
+    rig.command(0)
+    rig.run(DT)
+    rig.command(*command)  # type: ignore[arg-type]
+    rig.run(2.0)
+    assert rig.robot.arm.q[0] < home[0] + 0.5
+    assert not int(rig.robot.values["output_int_register_2"]) & 0x8000
+
+
 def _stop_and_unlock(robot: Controller) -> None:
     robot.protective_stop()
     robot.now += 6.0

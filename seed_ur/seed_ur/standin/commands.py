@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeAlias
 
 from seed_ur.kinematics import KinematicsError
 from seed_ur.pose import matrix_from_pose, pose_from_matrix
-from seed_ur.standin.arm import Hold, Move, Servo, Speed
+from seed_ur.standin.arm import Hold, Motion, Move, Servo, Speed
 from seed_ur.standin.controller import Controller
 from seed_ur.standin.options import PERIOD, ProgramError
 
@@ -80,6 +80,11 @@ class Commands:
         if self._background is not None:
             self._background = None
             self._report_operation(running=False)
+
+    def _take(self, motion: Motion) -> None:
+        """The arm does this from now on, and no move of the background any more."""
+        self._end_background()
+        self.robot.arm.motion = motion
 
     def _report_operation(self, running: bool) -> None:
         """Progress word of asynchronous moves: bit 15 running, bits 24 to 30 the operation's number."""
@@ -161,7 +166,8 @@ class Commands:
             self.thread.take(goal, *self.doubles(9, 2))
         else:
             robot.check_step(robot.arm.target_q, goal)
-            self.thread = robot.arm.motion = Servo(goal, *self.doubles(9, 2))
+            self.thread = Servo(goal, *self.doubles(9, 2))
+            self._take(self.thread)
 
     def _servo_on(self, servo: Servo) -> None:
         """The servo thread's next servoj: also after a stop, when the program goes on."""
@@ -182,14 +188,14 @@ class Commands:
 
     def servo_circular(self) -> None:
         """servoC: d0-d5 target."""
-        self.robot.arm.motion = Servo(self.robot.servo_goal(self.doubles(0, 6)), 0.1, 300.0)
+        self._take(Servo(self.robot.servo_goal(self.doubles(0, 6)), 0.1, 300.0))
 
     def speed(self, cartesian: bool) -> None:
         """speedJ, speedL: d0-d5 speed, d6 acceleration, d7 duration (0: until it is stopped)."""
         speed, (acceleration, duration) = self.doubles(0, 6), self.doubles(6, 2)
         motion = self.robot.arm.motion
         if not isinstance(motion, Speed) or motion.speed != speed or duration:
-            self.robot.arm.motion = Speed(speed, acceleration, duration, cartesian)
+            self._take(Speed(speed, acceleration, duration, cartesian))
 
     def jog(self) -> None:
         """jogStart: d0-d5 speed, d6 in axes of base (0), TCP (1) or a frame (2), d7 acceleration, d8-d13 that frame."""
@@ -197,7 +203,7 @@ class Commands:
         frames = {1.0: arm.tcp_pose(), 2.0: self.doubles(8, 6)}
         R = matrix_from_pose(frames.get(feature, (0.0,) * 6))[:3, :3]
         speed = [*(R @ self.doubles(0, 3)).tolist(), *(R @ self.doubles(3, 3)).tolist()]
-        arm.motion = Speed(speed, acceleration, 0.0, True)
+        self._take(Speed(speed, acceleration, 0.0, True))
 
     def jog_stop(self) -> Job:
         """jogStop, which has no arguments; wait until the arm stands."""
@@ -209,22 +215,21 @@ class Commands:
 
     def _stop(self, deceleration: float) -> Job:
         robot = self.robot
-        self._end_background()
         robot.freedrive = robot.force_mode = False
         self.thread = None
-        robot.arm.motion = Hold(deceleration)
+        self._take(Hold(deceleration))
         return lambda: robot.arm.motion.done
 
     def force_mode(self, on: bool) -> None:
         """forceMode, forceModeStop; without its forces."""
         self.robot.force_mode = on
         if not on:
-            self.robot.arm.motion = Hold()
+            self._take(Hold())
 
     def freedrive(self, on: bool) -> None:
         """freedriveMode, endFreedriveMode, teachMode, endTeachMode."""
         self.robot.freedrive = on
-        self.robot.arm.motion = Hold()
+        self._take(Hold())
 
     def set_payload(self) -> None:
         """setPayload: d0 mass, d1-d3 centre of mass."""
