@@ -294,6 +294,19 @@ def test_a_run_that_goes_on_keeps_the_zero_of_its_sensor(bench: Bench, tmp_path:
     assert cell._zero is not zero  # of a new one it is taken
 
 
+def test_an_empty_file_of_samples_is_begun_with_a_zero_of_the_sensor(bench: Bench, tmp_path: Path) -> None:
+    """As without zero_sensor: a disk that was full, or a crash, may leave one."""
+    cell, node = _nodes(bench)
+    assert bench.until(lambda: not node.streams.missing(node.now()))
+    (tmp_path / "samples.jsonl").touch()
+    zero = cell._zero
+    goal = IdentifyStiffness.Goal(output=str(tmp_path), zero_sensor=True)
+    handle = bench.send_goal(IdentifyStiffness, "sysid/identify_stiffness", goal)
+    assert bench.until(handle.cancel_goal_async().done)
+    assert "cancelled" in bench.result(handle).result.message
+    assert cell._zero is not zero
+
+
 def test_a_bag_that_is_begun_late_has_the_samples_of_the_last_run_alone(bench: Bench, tmp_path: Path) -> None:
     """One with those of the run before as well would be refused: it holds two identifications."""
     _, node = _nodes(bench)
