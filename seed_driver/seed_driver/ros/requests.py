@@ -4,9 +4,9 @@
 import time
 from collections.abc import Callable
 from concurrent.futures import Future as ThreadFuture
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from threading import Event
+from queue import SimpleQueue
+from threading import Event, Thread
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -28,6 +28,32 @@ class RequestError(SeedError):
     """The robot did not do what a service asked for."""
 
 
+class _Calls:
+    """Made one after the other in a thread that, unlike an executor's, does not keep the process from ending."""
+
+    def __init__(self) -> None:
+        self._queue: SimpleQueue[tuple[ThreadFuture[str], Callable[[], str]] | None] = SimpleQueue()
+        Thread(target=self._make, name="dashboard", daemon=True).start()
+
+    def submit(self, call: Callable[[], str]) -> ThreadFuture[str]:
+        future: ThreadFuture[str] = ThreadFuture()
+        self._queue.put((future, call))
+        return future
+
+    def close(self) -> None:
+        """End the thread once the call that is being made has come back."""
+        self._queue.put(None)
+
+    def _make(self) -> None:
+        while (entry := self._queue.get()) is not None:
+            future, call = entry
+            if future.set_running_or_notify_cancel():
+                try:
+                    future.set_result(call())
+                except Exception as error:  # as an executor does: it is raised where the result is asked for
+                    future.set_exception(error)
+
+
 class Requests:
     """Served between `begin` and `end`; `answer` is called now and then."""
 
@@ -37,7 +63,7 @@ class Requests:
         self._active: tuple[Supervisor, str] | None = None  # and the controller's address
         self._given_up = Event()
         self._waiting: dict[int, tuple[Future, float]] = {}  # answers by number of the request, and deadlines [s]
-        self._thread = ThreadPoolExecutor(1, "dashboard")
+        self._thread = _Calls()
         self._thread_calls: list[tuple[ThreadFuture[str], Future]] = []
         group = ReentrantCallbackGroup()  # a call that waits for the robot does not hold up another
         services: dict[str, Callable[..., Any]] = {
@@ -72,7 +98,7 @@ class Requests:
     def close(self) -> None:
         """End the thread as well."""
         self.end()
-        self._thread.shutdown(wait=False, cancel_futures=True)
+        self._thread.close()
 
     async def _ask_servo(self, do: str, **arguments: Any) -> str:
         """The servo process's answer to a request."""
@@ -97,7 +123,7 @@ class Requests:
         """What `call(address of the robot, ...)` returns, made in the thread."""
         _, robot_ip = self._require_active()
         future = Future()
-        self._thread_calls.append((self._thread.submit(call, robot_ip, *arguments), future))
+        self._thread_calls.append((self._thread.submit(partial(call, robot_ip, *arguments)), future))
         return str(await future)
 
     async def _power_tool(self, on: bool) -> str:
