@@ -111,6 +111,21 @@ def test_no_brake_is_released_where_it_was_given_up_while_the_power_came(robot: 
     assert [body["action"] for _, body in robot.asked] == ["POWER_ON"]
 
 
+def test_an_answer_is_no_longer_waited_for_once_it_is_given_up(robot: Robot) -> None:
+    """What waits for the same thread, as unlock_protective_stop, would come as late as that answer."""
+    robot.takes = 3.0
+    begun = time.monotonic()
+
+    def given_up(_: float) -> None:
+        if time.monotonic() - begun > 0.5:
+            raise LinkError("given up")
+
+    with pytest.raises(LinkError, match="given up"):
+        switch(HOST, "power on", "brake release", said="releasing", pause=given_up)
+    assert time.monotonic() - begun < 1.5
+    assert [body["action"] for _, body in robot.asked] == ["POWER_ON"]
+
+
 def test_an_arm_that_takes_long_for_its_power_is_waited_for(robot: Robot) -> None:
     """UR's own client waits for the answer until the arm has its power: self-checks take more than 5 s."""
     robot.takes = 6.0

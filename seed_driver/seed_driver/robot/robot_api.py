@@ -7,6 +7,7 @@ brakes, and longer for power (its pull request 518). It was run against a stand-
 """
 
 import json
+import socket
 import time
 from collections.abc import Callable
 from http.client import HTTPConnection, HTTPException
@@ -19,6 +20,7 @@ PATH = "/universal-robots/robot-api/robotstate/v1/state"
 TIMEOUT = 2.0  # [s] to connect
 PATIENCE = {"POWER_ON": 60.0}  # [s] of an answer, by the action
 USUAL_PATIENCE = 15.0  # [s] of any other
+LOOK = 0.1  # [s] between two looks whether it is given up meanwhile
 SWITCHING = 20.0  # [s] from power to brakes that may be released
 FINAL = (400, 401, 403, 404, 405, 501)  # of HTTP's codes: not understood, not allowed, not there
 ACTIONS = {  # by the dashboard's command
@@ -42,7 +44,7 @@ def switch(host: str, *commands: str, said: str, pause: Callable[[float], None] 
 
     Args:
         said: what the dashboard's answer to the last one contains when it is done.
-        pause: between two attempts [s]; a LinkError of it ends them.
+        pause: between two attempts, and two looks for an answer [s]; a LinkError of it ends them.
 
     Returns:
         That answer, or what the Robot API has accepted.
@@ -68,7 +70,7 @@ def switch(host: str, *commands: str, said: str, pause: Callable[[float], None] 
         until = time.monotonic() + (SWITCHING if done else 0.0)  # what comes after power has to wait for it
         while True:
             try:
-                _put(host, action, nobody)
+                _put(host, action, nobody, pause)
                 break
             except RefusedError as error:
                 if error.final or time.monotonic() >= until:
@@ -78,7 +80,7 @@ def switch(host: str, *commands: str, said: str, pause: Callable[[float], None] 
     return f"{', '.join(done)}: accepted by the Robot API"
 
 
-def _put(host: str, action: str, nobody: str) -> None:
+def _put(host: str, action: str, nobody: str, pause: Callable[[float], None]) -> None:
     """Ask for an action, with no proxy between us and the arm. Raises LinkError."""
     patience = PATIENCE.get(action, USUAL_PATIENCE)
     connection = HTTPConnection(host, PORT, timeout=TIMEOUT)
@@ -90,8 +92,8 @@ def _put(host: str, action: str, nobody: str) -> None:
             f"{nobody}, and no Robot API at {host}:{PORT} ({error}), which PolyScope X has from 10.11: use its screen"
         ) from error
     try:
-        connection.sock.settimeout(patience)
         connection.request("PUT", PATH, json.dumps({"action": action}), {"Content-Type": "application/json"})
+        _await_answer(connection.sock, patience, pause)
         answer = connection.getresponse()
         words = " ".join(answer.read(300).decode("utf-8", "replace").split())
     except TimeoutError as error:
@@ -107,3 +109,19 @@ def _put(host: str, action: str, nobody: str) -> None:
             f"the Robot API refuses {action} (HTTP {code} {words}): is the robot in Automatic and Remote mode?",
             code in FINAL,
         )
+
+
+def _await_answer(connection: socket.socket, patience: float, pause: Callable[[float], None]) -> None:
+    """Until an answer begins. Raises TimeoutError: it does not within patience [s]."""
+    until, usual = time.monotonic() + patience, connection.gettimeout()
+    connection.settimeout(LOOK)
+    while True:
+        try:
+            connection.recv(1, socket.MSG_PEEK)
+        except TimeoutError:
+            pause(0.0)
+            if time.monotonic() > until:
+                raise
+        else:
+            connection.settimeout(usual)
+            return
