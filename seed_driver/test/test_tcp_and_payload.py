@@ -243,6 +243,25 @@ def test_a_speed_slider_that_another_client_holds_is_named_and_set_once_it_is_fr
     loaded.ask("option", name="speed_slider", value=1.0)
 
 
+@realtime
+def test_a_connection_for_the_speed_slider_that_the_controller_has_closed_is_opened_again(loaded) -> None:
+    robot = Robot(DriverConfig(robot_ip=loaded.host))
+    with robot.states:
+        robot._set_slider(0.25)
+        while loaded.ask("state")["speed_slider"] != pytest.approx(0.25):
+            time.sleep(0.01)
+        loaded.ask("drop_rtde")
+        time.sleep(0.05)
+        try:
+            for fraction in (0.5, 0.75):  # the second by the connection that was opened again
+                robot._set_slider(fraction)
+                time.sleep(0.05)
+                assert loaded.ask("state")["speed_slider"] == pytest.approx(fraction)
+        finally:
+            robot._slider.close()
+            loaded.ask("option", name="speed_slider", value=1.0)
+
+
 def test_the_difference_names_the_first_quantity_that_differs_beyond_its_tolerance() -> None:
     here = TcpAndPayload(TCP, (2.5,), (0.01, 0.0, 0.04))
     assert difference(here, here._replace(mass=(2.5004,), tcp=(0.0, 0.0, 0.1501, 0.0, 0.0, 0.0))) == ""

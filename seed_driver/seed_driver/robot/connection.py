@@ -265,11 +265,17 @@ class Robot:
         return words and f"the robot's {words} as before: set it back, or call resend_robot_program to go on with it"
 
     def _set_slider(self, fraction: float) -> None:
-        """Move the speed slider, by a connection of its own that stays open."""
+        """Move the speed slider, by a connection of its own that stays open, made anew where it was closed."""
+        if self._slider is not None:
+            self._slider.poll()
+            if not self._slider.open:
+                self._slider.close()
+                self._slider = None
         if self._slider is None:
             if fraction == self.states.values["target_speed_fraction"]:
                 return
             self._slider = rtde_client.hold_inputs(self.config.robot_ip, SLIDER.names, "the speed slider")
+            self._slider.never_wait()
         self._slider.send(SLIDER.encode(1, {"speed_slider_mask": 1, "speed_slider_fraction": fraction}))
 
     @property

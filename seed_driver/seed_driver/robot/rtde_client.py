@@ -63,6 +63,10 @@ class RtdeClient:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the connection."""
         self._socket.close()
 
     def ask(self, kind: int, payload: bytes = b"") -> bytes:
