@@ -84,6 +84,26 @@ def test_an_output_that_is_not_found_is_named(connect) -> None:
         client.start(("timestamp", "actual_q"), 500.0)
 
 
+def test_an_optional_output_that_is_not_found_is_done_without(connect) -> None:
+    """As `payload_cog` of a release that does not tell it yet."""
+    client, connection = connect(
+        "001d 4f 00" + b"DOUBLE,NOT_FOUND,VECTOR6D".hex(),
+        "0013 4f 01" + b"DOUBLE,VECTOR6D".hex(),
+        "0004 53 01" + DATA,
+    )
+    client.start(("timestamp", "payload_cog", "actual_q"), 500.0, optional=("payload_cog",))
+    names = b"timestamp,actual_q".hex()
+    assert connection.sent.endswith(bytes.fromhex(f"001d 4f 407f400000000000 {names}  0003 53"))
+    assert client.values.keys() == {"timestamp", "actual_q"}
+    assert_allclose(client.values["actual_q"], JOINTS, atol=1e-4)
+
+
+def test_an_output_that_is_not_found_and_not_optional_is_named_all_the_same(connect) -> None:
+    client, _ = connect("001e 4f 00" + b"NOT_FOUND,NOT_FOUND,DOUBLE".hex(), "0014 4f 00" + b"NOT_FOUND,DOUBLE".hex())
+    with pytest.raises(LinkError, match="does not know the RTDE output timestamp"):
+        client.start(("timestamp", "payload_cog", "payload"), 500.0, optional=("payload_cog", "payload"))
+
+
 def test_an_answer_without_one_of_the_types_is_named(connect) -> None:
     client, _ = connect("000a 4f 01" + b"DOUBLE".hex())
     with pytest.raises(LinkError, match=r"robot tells 1 types of 2 RTDE outputs \(DOUBLE\): is it a UR controller"):

@@ -15,8 +15,9 @@ from seed_driver.config import DriverConfig
 from seed_driver.robot.connection import SLIDER, Robot
 from seed_driver.robot.link import LinkError
 from seed_driver.robot.rtde_client import RtdeClient
-from seed_driver.robot.tcp_and_payload import TcpAndPayload, difference, require, wanted
+from seed_driver.robot.tcp_and_payload import OUTPUTS, TcpAndPayload, difference, require, wanted
 from seed_testing.fault_bench.bench import FaultBench
+from seed_ur import rtde
 from seed_ur.kinematics import URKinematics
 from seed_ur.standin_client import StandIn
 
@@ -260,6 +261,17 @@ def test_a_connection_for_the_speed_slider_that_the_controller_has_closed_is_ope
         finally:
             robot._slider.close()
             loaded.ask("option", name="speed_slider", value=1.0)
+
+
+@realtime
+def test_a_release_that_tells_less_of_its_payload_than_it_is_believed_to_is_followed_without_it(monkeypatch) -> None:
+    earlier = dict.fromkeys(("payload", "payload_cog"), ((3, 10), (5, 4)))
+    monkeypatch.setattr(rtde, "_SINCE", {**rtde._SINCE, **earlier})  # here; the controller's process has UR's table
+    with StandIn(None, "--version", "5.4.0") as old:
+        robot = Robot(DriverConfig(robot_ip=old.host))
+        with robot.states:
+            assert not robot.states.values.keys() & set(OUTPUTS)
+            assert len(robot.sample().q) == 6
 
 
 def test_the_difference_names_the_first_quantity_that_differs_beyond_its_tolerance() -> None:

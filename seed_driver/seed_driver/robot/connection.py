@@ -58,7 +58,7 @@ class Robot:
         self._control_class = load_ur_rtde()
         self.version = rtde_client.supported_version(config.robot_ip)
         self.rate = config.frequency or (125.0 if self.version[0] == 3 else 500.0)
-        self.states = rtde_client.follow_outputs(config.robot_ip, STATES, self.rate)
+        self.states = rtde_client.follow_outputs(config.robot_ip, STATES, self.rate, tcp_and_payload.OUTPUTS)
         self.offset = registers.offset(config.registers, self.version)
         self.control: Any = None
         self.ours = False  # the program that plays, if one does

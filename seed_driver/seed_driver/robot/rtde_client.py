@@ -12,7 +12,7 @@ import math
 import socket
 import struct
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any
 
@@ -92,18 +92,16 @@ class RtdeClient:
                 return package.payload
         raise OSError("no answer")
 
-    def start(self, names: Sequence[str], rate: float) -> None:
-        """Have the outputs `names` sent at `rate` [Hz], and wait for the first of them."""
-        reply = self.ask(rtde.SETUP_OUTPUTS, struct.pack(">d", rate) + ",".join(names).encode())
-        kinds = reply[1:].decode("ascii", "replace").split(",")
+    def start(self, names: Sequence[str], rate: float, optional: Collection[str] = ()) -> None:
+        """Have the outputs `names` sent at `rate` [Hz], and wait for the first; optional ones may be unknown."""
+        kinds = self._set_up(names, rate)
+        if rtde.NOT_FOUND in kinds and optional:
+            found = zip(names, kinds, strict=True)
+            names = [n for n, kind in found if kind != rtde.NOT_FOUND or n not in optional]
+            kinds = self._set_up(names, rate)
         if rtde.NOT_FOUND in kinds:
             unknown = names[kinds.index(rtde.NOT_FOUND)]
             raise LinkError(f"{self.host} does not know the RTDE output {unknown}")
-        if len(kinds) != len(names):
-            raise LinkError(
-                f"{self.host} tells {len(kinds)} types of {len(names)} RTDE outputs ({','.join(kinds)}): "
-                "is it a UR controller?"
-            )
         self._recipe = rtde.Recipe.of(names, dict(zip(names, kinds, strict=True)))
         if kinds != [rtde.OUTPUTS[n] for n in names]:
             raise LinkError(f"{self.host} offers other states than expected: {','.join(kinds)}")
@@ -112,6 +110,17 @@ class RtdeClient:
             self._take(self._next(rtde.DATA))
         except (OSError, rtde.WireError) as error:
             raise AbsentError(f"{self.host} answers but sends no data ({error}); restart the controller") from error
+
+    def _set_up(self, names: Sequence[str], rate: float) -> list[str]:
+        """Ask for outputs; their types, or rtde.NOT_FOUND."""
+        reply = self.ask(rtde.SETUP_OUTPUTS, struct.pack(">d", rate) + ",".join(names).encode())
+        kinds = reply[1:].decode("ascii", "replace").split(",")
+        if len(kinds) != len(names):
+            raise LinkError(
+                f"{self.host} tells {len(kinds)} types of {len(names)} RTDE outputs ({','.join(kinds)}): "
+                "is it a UR controller?"
+            )
+        return kinds
 
     def _take(self, payload: bytes) -> None:
         values = self._recipe.decode(payload[1:])
@@ -153,11 +162,14 @@ class RtdeClient:
             raise LinkError(f"{self.host} has closed the connection ({error})") from error
 
 
-def follow_outputs(host: str, names: Sequence[str], rate: float) -> RtdeClient:
-    """A client that gets those of the outputs `names` that the controller knows, at `rate` [Hz], and never waits."""
+def follow_outputs(host: str, names: Sequence[str], rate: float, optional: Collection[str] = ()) -> RtdeClient:
+    """A client that gets those of the outputs `names` that the controller knows, at `rate` [Hz], and never waits.
+
+    Which those are its version tells. Of the optional ones its answer does too: releases may differ from UR's table.
+    """
     with ExitStack() as on_failure:
         client = on_failure.enter_context(RtdeClient(host))
-        client.start([n for n in names if rtde.knows(client.version, n)], rate)
+        client.start([n for n in names if rtde.knows(client.version, n)], rate, optional)
         client.never_wait()
         on_failure.pop_all()
         return client
