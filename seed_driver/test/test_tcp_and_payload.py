@@ -151,6 +151,20 @@ def test_a_payload_that_is_shown_late_is_no_jump(loaded, program: str) -> None:
 
 
 @realtime
+@pytest.mark.parametrize("inertia", [(0.0,) * 6, (0.01, 0.02, 0.03, 0.0, 0.0, 0.001)], ids=["mass", "inertia"])
+@pytest.mark.parametrize("program", ["checked", "ur_rtde"])
+def test_a_payload_with_its_centre_of_mass_at_the_flange_takes_the_place_of_the_robots(
+    loaded, program: str, inertia
+) -> None:
+    """ur_rtde's own script keeps the robot's where it is sent [0, 0, 0]."""
+    with FaultBench(robot=loaded, robot_program=program, payload_mass=1.25, payload_inertia=inertia) as bench:
+        bench.ready()
+        state = loaded.ask("state")
+        assert state["payload"] == 1.25
+        assert_allclose(state["payload_cog"], 0.0, atol=1e-5)
+
+
+@realtime
 def test_a_payload_that_the_robot_does_not_take_is_named_and_the_process_lives(loaded) -> None:
     with FaultBench(robot=loaded, payload_mass=0.5) as bench:
         bench.ready()

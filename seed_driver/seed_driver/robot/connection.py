@@ -32,6 +32,7 @@ TAKING = 1.0  # [s] from sending TCP and payload to states that show them
 SHORTLY = 0.01  # [s] that servo commands may wait for them
 PARTING = 0.05  # [s] between the ends of the two connections to a controller that is gone
 CLEARING = 0.2  # [s] from the answer to an unlock to states without the stop
+NEXT_TO_ZERO = 1e-6  # [m] of a centre of mass
 INERTIA = (5, 11)  # first PolyScope that is told of it: neither our program nor ur_rtde's does so on CB3
 UPLOAD, UPPER_REGISTERS, NO_WAIT, NO_EXTERNAL_SENSOR = 1, 8, 16, 64  # ur_rtde's flags
 CAP_PORT = 50002  # ur_rtde's default; nothing listens there without its flag for External Control
@@ -224,12 +225,18 @@ class Robot:
                 raise LinkError("payload_inertia needs PolyScope 5.11 or later: set it to zero")
             load = want.else_from(self._told)
             mass, cog = load.mass or (0.0,), load.cog or (0.0,) * 3
-            require(self.control.setTargetPayload(mass[0], list(cog), list(want.inertia)), "take the payload")
+            require(self.control.setTargetPayload(mass[0], self._sent_cog(cog), list(want.inertia)), "take the payload")
         elif want.mass is not None:
-            require(self.control.setPayload(config.payload_mass, list(config.payload_cog)), "take the payload")
+            cog = self._sent_cog(config.payload_cog)
+            require(self.control.setPayload(config.payload_mass, cog), "take the payload")
         self._await_tool(want)
         if config.speed_slider:
             self._set_slider(config.speed_slider)
+
+    def _sent_cog(self, cog: Sequence[float]) -> list[float]:
+        """What to send for a centre of mass [m]: ur_rtde's own script takes zero for the one that the robot has."""
+        kept = self.config.robot_program == "ur_rtde" and not any(cog)
+        return [NEXT_TO_ZERO, 0.0, 0.0] if kept else list(cog)
 
     @property
     def _told(self) -> TcpAndPayload:

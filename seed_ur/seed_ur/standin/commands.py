@@ -232,8 +232,13 @@ class Commands:
         self._take(Hold())
 
     def set_payload(self) -> None:
-        """setPayload: d0 mass, d1-d3 centre of mass."""
-        self.robot.payload, *self.robot.payload_cog = self.doubles(0, 4)
+        """setPayload: d0 mass, d1-d3 centre of mass; from PolyScope 5 on ur_rtde's own script keeps it for zero.
+
+        So does its setTargetPayload.
+        """
+        self.robot.payload, *cog = self.doubles(0, 4)
+        if any(cog) or self.check or self.robot.options.version[0] == 3:
+            self.robot.payload_cog = cog
 
     def set_target_payload(self) -> None:
         """setTargetPayload: as setPayload, and d4-d9 inertia."""
