@@ -249,8 +249,9 @@ def test_the_demo_runs_the_same_file_with_the_real_driver_in_the_loop() -> None:
     assert programs(["robot:=sim"]) == {"controller", "sim", "page"}
     assert programs(["robot:=ur", "robot_ip:=127.0.0.2"]) == {"controller", "sim", "driver", "ur_controller", "page"}
     assert programs(["robot_ip:=127.0.0.7"]) == programs(["robot:=ur"])
-    with pytest.raises(SeedError, match="the demo runs in simulation"):
-        robot_arguments(["robot:=ur", "robot_ip:=192.168.56.101"])
+    for elsewhere in ("192.168.56.101", "127.example.com", "127.0.0.2.example.com", "localhost"):
+        with pytest.raises(SeedError, match="the demo runs in simulation"):
+            robot_arguments(["robot:=ur", f"robot_ip:={elsewhere}"])
     with pytest.raises(SeedError, match="the demo takes"):
         robot_arguments(["robt:=ur"])
 
@@ -406,6 +407,7 @@ def test_a_mistake_in_an_argument_is_told_once_before_any_node_starts(word: str,
         ("cell", "robot:=ur", "robot:=ur needs robot_ip:=ADDRESS of the UR controller", ""),
         ("robot_host", "address:=127.0.0.1 peers:=192.0.2.2 robot:=ur robot_ip:=", "robot:=ur needs robot_ip:=", ""),
         ("demo", "robot:=ur", "robot:=ur needs robot_ip:=ADDRESS", ""),
+        ("cell", "robot:=ur robot_ip:=127.example.com", "robot:=ur robot_ip:=127.example.com is no address", ""),
         ("cell", "method:=truth cameras:=realsense", "", "cameras:=realsense with method:=truth: no camera is started"),
         ("cell", "cameras:=realsense", "", "cameras:=realsense with robot:=sim: its bubbles are simulated"),
         ("cell", "clocks:=/nope.yaml", "", "clocks:=/nope.yaml with robot:=sim: a simulated cell has one clock"),

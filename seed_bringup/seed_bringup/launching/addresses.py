@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Addresses of this computer's network interfaces."""
+"""Addresses of this computer's network interfaces, and those of loopback."""
 
 import array
 import fcntl
 import socket
 import struct
-from ipaddress import IPv4Address
+from ipaddress import IPv4Address, ip_address
 
 from seed_bringup.launching.launch_xml import LaunchError
 
@@ -23,6 +23,14 @@ def of_interfaces() -> dict[str, str]:
     data = space.tobytes()[: struct.unpack("iL", answer)[0]]
     entries = (data[i : i + ENTRY] for i in range(0, len(data), ENTRY))
     return {socket.inet_ntoa(e[20:24]): e[:16].partition(b"\0")[0].decode() for e in entries}
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a host is this computer by loopback: an address, or localhost. No other name, nor 127.example.com."""
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 def check_own(address: str) -> None:
