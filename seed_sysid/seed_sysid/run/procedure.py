@@ -2,7 +2,7 @@
 """The identification as a state machine: readings in, commands out; the same for simulation and hardware.
 
 At each grip it waits for the gripper, then for each pose: moves there along a straight line at a limited rate, waits
-until the wrench has come to rest, averages, and hands over a sample. Limits are watched at every reading: when
+until the wrench has come to rest, averages, and hands over a sample. Limits are watched on the way and there: when
 the wrench meets one, or the estimator loses the tool, the pose is drawn back and tried once more, later ones go less
 far (`reach`); when the tool slips, the run ends.
 """
