@@ -138,6 +138,22 @@ def test_made_again_it_keeps_its_keys_and_a_namespace_is_in_the_names(store: Pat
 
 
 @needs_openssl
+def test_a_second_cell_does_not_take_the_rights_of_the_first(tmp_path: Path, capsys) -> None:
+    folder = tmp_path / "keys"
+    small = tmp_path / "small.policy.xml"
+    rights = "<topics publish='ALLOW'><topic>/target_frame</topic></topics>"
+    small.write_text(f"<policy version='0.2.0'><enclave path='/controller'>{rights}</enclave></policy>")
+    words = [str(folder), "--policy", str(small), "--namespace"]
+    assert command.main([*words, "left"]) == 0
+    assert command.main([*words, "right"]) != 0
+    assert "has the keys of the cell in namespace 'left': name another folder" in capsys.readouterr().err
+    assert command.main(words[:-1]) != 0
+    assert may(folder, "/controller", "publish", "rt/left/target_frame")
+    assert not may(folder, "/controller", "publish", "rt/right/target_frame")
+    assert command.main([*words, "left"]) == 0
+
+
+@needs_openssl
 @pytest.mark.parametrize("lost", ["enclaves/controller/cert.pem", "enclaves/controller/key.pem", "public/ca.cert.pem"])
 def test_what_an_interruption_left_undone_is_done_by_the_next_call(store: Path, tmp_path: Path, lost: str) -> None:
     copy = shutil.copytree(store, tmp_path / "copy", symlinks=True)

@@ -7,7 +7,18 @@ from seed_bringup.access.keystore import make_keystore
 from seed_bringup.access.policy import read_policy
 from seed_bringup.commands.cells import namespace_argument
 from seed_bringup.launching.packages import package_share
+from seed_core.errors import SeedError
 from seed_core.program.command_line import Parser, command
+
+NAMESPACE = "namespace"  # file in the keystore: whose cell's it is
+
+
+def check_namespace(folder: Path, namespace: str) -> None:
+    """Raise SeedError where a keystore is another cell's: enclaves have the same paths in each."""
+    file = folder / NAMESPACE
+    if file.is_file() and (there := file.read_text(encoding="utf-8").strip()) != namespace:
+        of = f"the cell in namespace '{there}'" if there else "a cell without a namespace"
+        raise SeedError(f"{folder} has the keys of {of}: name another folder, or delete {file} to turn it over")
 
 
 @command("seed access")
@@ -21,7 +32,9 @@ def main(argv: list[str]) -> int:
     policy = options.policy or package_share("seed_bringup") / "config" / "access" / "cell.policy.xml"
     rights = read_policy(policy, options.namespace)
     folder = options.keystore.resolve()
+    check_namespace(folder, options.namespace)
     make_keystore(folder, rights)
+    (folder / NAMESPACE).write_text(f"{options.namespace}\n", encoding="utf-8")
     print(f"enclaves {', '.join(rights)} in {folder}")
     print(f"export ROS_SECURITY_KEYSTORE={folder} ROS_SECURITY_ENABLE=true ROS_SECURITY_STRATEGY=Enforce")
     print("then launch the cell there; for commands: export ROS_SECURITY_ENCLAVE_OVERRIDE=/operator")
