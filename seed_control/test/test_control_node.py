@@ -136,16 +136,20 @@ def test_nothing_is_sent_before_enable_and_enable_wants_its_inputs(cell: Cell) -
     assert cell.bench.until(lambda: float(str(cell.node.beats.take()["rate_hz"])) > 0.0)
 
 
+def press_and_be_refused(cell: Cell) -> None:
+    pressing = cell.hold_here()
+    pressing.force_projector = [0.0] * 8 + [1.0]
+    pressing.wrench.force.z = -1.0
+    cell.setpoint.publish(pressing)
+    assert cell.bench.until(lambda: cell.state.refused_setpoints == 1), cell.state
+    assert "SP18" in cell.state.reason
+
+
 def test_force_waits_for_the_clocks_and_motion_does_not() -> None:
     bench = Bench()
     try:
         cell = Cell(bench, clocks="").enabled()
-        pressing = cell.hold_here()
-        pressing.force_projector = [0.0] * 8 + [1.0]
-        pressing.wrench.force.z = -1.0
-        cell.setpoint.publish(pressing)
-        assert bench.until(lambda: cell.state.refused_setpoints == 1), cell.state
-        assert "SP18" in cell.state.reason
+        press_and_be_refused(cell)
         assert "./seed identify --live" in cell.state.reason
         cell.setpoint.publish(cell.hold_here())
         assert bench.until(lambda: cell.state.setpoint_kind == "hybrid")
@@ -187,12 +191,7 @@ def test_force_waits_for_an_estimator_that_takes_the_offset_off(tmp_path: Path) 
         taken = "0.000000"
         assert bench.until(lambda: bool(checks.why_no_force))
         cell.enabled()
-        pressing = cell.hold_here()
-        pressing.force_projector = [0.0] * 8 + [1.0]
-        pressing.wrench.force.z = -1.0
-        cell.setpoint.publish(pressing)
-        assert bench.until(lambda: cell.state.refused_setpoints == 1), cell.state
-        assert "SP18" in cell.state.reason
+        press_and_be_refused(cell)
         assert "the estimator takes 0.0 ms off" in cell.state.reason
         taken = "0.030000"
         assert bench.until(lambda: not checks.why_no_force)

@@ -204,7 +204,7 @@ class Session:
             raise LinkError(
                 f"model {self.config.model} puts the flange {off:.3f} m from where the robot says it is "
                 f"(limit {MODEL_TOLERANCE} m): set model or calibration_file; known are {' and '.join(MODELS)}, "
-                "of a CB3 no arm"
+                "no arm of a CB3"
             )
 
     def _off_model(self, s: RobotState) -> float:

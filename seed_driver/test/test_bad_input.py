@@ -158,5 +158,5 @@ def test_the_wrong_model_is_noticed_before_anything_moves() -> None:
     with StandIn(None, "--model", "ur10e") as robot:
         text = complaint("set model", robot.host, model="ur5e")
         assert "model ur5e puts the flange" in text
-        assert "known are ur5e and ur10e, of a CB3 no arm" in text
+        assert "known are ur5e and ur10e, no arm of a CB3" in text
         assert robot.ask("stats")["servo_count"] == 0

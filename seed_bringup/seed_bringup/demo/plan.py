@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 
 from seed_bringup.demo.hidden import HIDDEN, hide, write_scenario
-from seed_bringup.launching.addresses import is_loopback
+from seed_bringup.launching.addresses import is_standin
 from seed_control.tasks import Task, load_task
 from seed_core.errors import SeedError
 from seed_core.program.command_line import results_folder
@@ -104,7 +104,6 @@ def robot_arguments(words: list[str], domain: int = 0) -> dict[str, str]:
     if given.keys() - {"robot", "robot_ip"} or robot not in ("sim", "ur"):
         raise SeedError(f"{' '.join(words)}: the demo takes robot:=sim or robot:=ur, and robot_ip:=127.x.y.z")
     address = given.get("robot_ip", standin_address(domain) if robot == "ur" else "")
-    standin = address.startswith("127.") and is_loopback(address)  # the launch files start it there, not at localhost
-    if robot == "ur" and not standin:
+    if robot == "ur" and not is_standin(address):
         raise SeedError(f"robot_ip:={address}: the demo runs in simulation; a real arm goes with ./seed launch cell")
     return {"robot": robot, "robot_ip": address}

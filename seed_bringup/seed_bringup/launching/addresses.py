@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Addresses of this computer's network interfaces, and those of loopback."""
+"""Addresses of this computer's network interfaces, and those at which the stand-in controller is."""
 
 import array
 import fcntl
 import socket
 import struct
-from ipaddress import IPv4Address, ip_address
+from ipaddress import IPv4Address
 
 from seed_bringup.launching.launch_xml import LaunchError
 
@@ -25,10 +25,10 @@ def of_interfaces() -> dict[str, str]:
     return {socket.inet_ntoa(e[20:24]): e[:16].partition(b"\0")[0].decode() for e in entries}
 
 
-def is_loopback(host: str) -> bool:
-    """Whether a host is this computer by loopback: an address, or localhost. No other name, nor 127.example.com."""
+def is_standin(host: str) -> bool:
+    """Whether the launch files start the stand-in there: an address 127.x.y.z; no name, be it localhost."""
     try:
-        return host == "localhost" or ip_address(host).is_loopback
+        return IPv4Address(host).is_loopback
     except ValueError:
         return False
 

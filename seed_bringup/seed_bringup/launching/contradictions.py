@@ -3,7 +3,7 @@
 
 from collections.abc import Mapping
 
-from seed_bringup.launching.addresses import is_loopback
+from seed_bringup.launching.addresses import is_standin
 from seed_bringup.launching.launch_xml import LaunchError
 
 SIMULATED = ("scenario", "task", "seed", "replay", "camera_rate", "camera_latency", "sim_rate")  # of that cell alone
@@ -27,7 +27,7 @@ def contradictions(given: Mapping[str, str], values: Mapping[str, str]) -> list[
             "robot:=ur needs robot_ip:=ADDRESS of the UR controller, e.g. robot_ip:=192.168.56.101; "
             "robot_ip:=127.0.0.2 is the stand-in"
         )
-    if robot == "ur" and values["robot_ip"].startswith("127.") and not is_loopback(values["robot_ip"]):
+    if robot == "ur" and values["robot_ip"].startswith("127.") and not is_standin(values["robot_ip"]):
         raise LaunchError(
             f"{arm} is no address: what begins with 127. is taken for the stand-in, e.g. robot_ip:=127.0.0.2; "
             "give a robot by its address"

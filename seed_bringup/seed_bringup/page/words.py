@@ -116,7 +116,7 @@ def next_button(state: CellState) -> str:
 def _to_do(state: CellState, reason: str) -> str:
     """The remedy of a hold; after a reset what comes next, be it the reference."""
     found = remedy(reason)
-    return (found == RESET and _next_step(state)) or found
+    return _next_step(state) or found if found == RESET else found
 
 
 def _next_step(state: CellState) -> str:

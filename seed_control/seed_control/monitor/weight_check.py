@@ -125,7 +125,7 @@ class WeightCheck:
         noise = 4.0 * np.sqrt(random.diagonal()[3:])
         if before is None or (np.abs(told - before[1])[3:] > _SETTLED * (m.stamp - before[0]) + noise).any():
             return
-        no_touch = self._was_elsewhere(m, (told - load)[3:], random[3:, 3:])
+        no_touch = self._same_elsewhere(m, (told - load)[3:], random[3:, 3:])
         self._waiting.append(FreeSpaceSample(m, told, load, random, self._systematic(weight), no_touch))
         while self._waiting and self._waiting[0].m.stamp <= m.stamp - WAIT:
             self._take(self._waiting.popleft(), told - load)
@@ -138,7 +138,7 @@ class WeightCheck:
                 "is tool.mass right, the stiffness, and was the grasp taken free of load?"
             )
 
-    def _was_elsewhere(self, m: Measurement, d: Array, random: Array) -> bool:
+    def _same_elsewhere(self, m: Measurement, d: Array, random: Array) -> bool:
         """Whether a difference of the force d (3,) in T was the same where the tip had been, along it, before."""
         size = length(d)
         tips, forces = (np.array(of) for of in zip(*self._places, strict=True))

@@ -12,8 +12,8 @@ from seed_driver.robot.link import LinkError
 
 PORT = 29999
 TIMEOUT = 0.5  # [s] to connect, and of the answer to a question
-PATIENCE = 10.0  # [s] of the answer where the robot is to do something
-DEEDS = frozenset(("power on", "brake release", "unlock protective stop", "restart safety"))
+PATIENCE = 10.0  # [s] of the answer to a command that the robot carries out first
+SLOW_COMMANDS = ("power on", "brake release", "unlock protective stop", "restart safety")
 LOCAL_CONTROL = "in local control: switch it to remote control on the pendant"  # what a robot is, and the remedy
 
 
@@ -35,7 +35,7 @@ def dashboard(host: str, *commands: str) -> str:
         NoDashboardError: nobody is there.
         LateError: it takes too long.
     """
-    timeout, connected = PATIENCE if DEEDS.intersection(commands) else TIMEOUT, False
+    timeout, connected = PATIENCE if set(SLOW_COMMANDS) & set(commands) else TIMEOUT, False
     try:
         with socket.create_connection((host, PORT), TIMEOUT) as connection, connection.makefile("rwb") as file:
             connected = True

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from http.client import HTTPConnection, HTTPException
 
-from seed_driver.robot.dashboard import NoDashboardError, dashboard
+from seed_driver.robot.dashboard import SLOW_COMMANDS, NoDashboardError, dashboard
 from seed_driver.robot.link import LinkError
 
 PORT = 80
@@ -23,12 +23,7 @@ USUAL_PATIENCE = 15.0  # [s] of any other
 LOOK = 0.1  # [s] between two looks whether it is given up meanwhile
 SWITCHING = 20.0  # [s] from power to brakes that may be released
 FINAL = (400, 401, 403, 404, 405, 501)  # of HTTP's codes: not understood, not allowed, not there
-ACTIONS = {  # by the dashboard's command
-    "power on": "POWER_ON",
-    "brake release": "BRAKE_RELEASE",
-    "unlock protective stop": "UNLOCK_PROTECTIVE_STOP",
-    "restart safety": "RESTART_SAFETY",
-}
+ACTIONS = {command: command.upper().replace(" ", "_") for command in SLOW_COMMANDS}  # of the Robot API
 
 
 class RefusedError(LinkError):

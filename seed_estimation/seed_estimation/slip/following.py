@@ -61,7 +61,7 @@ class Following:
     def __init__(self, models: Sequence[FingerModel], depths: Sequence[FingerModel], lever: Array) -> None:
         """depths: models without image; lever (3,): turn about y [rad], shift along x and z [m] to displacement [m]."""
         self._models, self._depths, self._lever = models, depths, lever
-        self._points = [some(m.patch.points.p) for m in models]
+        self._points = [thinned(m.patch.points.p) for m in models]
         self._crops: Mapping[str, Crop] = {}  # of the last images, and their grey pictures where they were needed
         self._greys: dict[str, Grey] = {}
         self._tool: deque[Depth] = deque(maxlen=LATELY)
@@ -197,7 +197,7 @@ def by_depth(depths: Sequence[FingerModel], crops: Mapping[str, Crop], X_CT: Arr
     return found if all(math.isfinite(rms) for rms in found.depth_rms.values()) else None
 
 
-def some(points: Array32) -> Array:
+def thinned(points: Array32) -> Array:
     """(3, POINTS) of points (3, N), evenly; none of none."""
     n = points.shape[1]
     return np.asarray(points[:, np.linspace(0, n - 1, POINTS if n else 0).astype(int)], float)

@@ -132,13 +132,13 @@ def slid_on(turns: Sequence[Turn]) -> bool:
         return False
     moves = np.nonzero((side * speed > STOPPED * largest) | (side * speed < BACK * largest))[0]
     rests = len(speed) - 1 - int(moves[-1])  # frames
-    still = int(np.argmax(np.abs(speed) > FAST)) + 1  # frames before it turned: late depth makes no gap there
+    unturned = int(np.argmax(np.abs(speed) > FAST)) + 1  # frames before it turned: late depth makes no gap there
     share = follows(turns, side)
-    if rests < RESTS or still < FEWEST or share is None or share > FOLLOWS:
+    if rests < RESTS or unturned < FEWEST or share is None or share > FOLLOWS:
         return False
     gaps = side * np.array([t.gap for t in turns])
-    before, now = gaps[:still], gaps[-min(rests, NOW) :]
-    usual = SCALED * abs(float(way[-1] - way[:still].mean()))
+    before, now = gaps[:unturned], gaps[-min(rests, NOW) :]
+    usual = SCALED * abs(float(way[-1] - way[:unturned].mean()))
     growth = float(now.mean() - before.mean())
     return growth > usual + LIKELY * _noise(turns, before) * math.sqrt(1.0 / len(now) + 1.0 / len(before))
 

@@ -15,7 +15,7 @@ from seed_core.spatial import Array
 from seed_estimation.images.sampling import Crop
 from seed_estimation.images.tactile_images import Array32
 from seed_estimation.rigid_fit.reference import FingerModel
-from seed_estimation.slip.following import flow_of, grey, rigid_step, some
+from seed_estimation.slip.following import flow_of, grey, rigid_step, thinned
 from seed_estimation.slip.markers import Markers
 
 WITHIN, EDGE_FROM = 0.6, 0.8  # [1] of the radius of a disc as wide as the patch: up to where, and from where on
@@ -52,4 +52,4 @@ def _middle_and_edge(points: Array32) -> tuple[Array, Array]:
     off = points[[0, 2]] - points[[0, 2]].mean(axis=1, keepdims=True)
     far = np.hypot(*off)
     radius = math.sqrt(2.0 * float(np.square(far).mean()))
-    return some(points[:, far < WITHIN * radius]), some(points[:, far > EDGE_FROM * radius])
+    return thinned(points[:, far < WITHIN * radius]), thinned(points[:, far > EDGE_FROM * radius])

@@ -40,7 +40,7 @@ class Recorder:
         self._file: IO[str] | None = None
         if path is None:
             return
-        fresh = not path.exists() or path.stat().st_size == 0
+        fresh = is_fresh(path)
         if not fresh:
             self._continue(path)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -136,6 +136,11 @@ def sample_line(sample: Sample) -> str:
         return json.dumps({"sample": asdict(sample)}, allow_nan=False)
     except ValueError as error:
         raise DatasetError(f"{sample.key} has a value that is not finite: {sample}") from error
+
+
+def is_fresh(path: Path) -> bool:
+    """Whether a run begins in this file: it is not there, or empty."""
+    return not path.exists() or path.stat().st_size == 0
 
 
 def read(file: str | Path) -> Dataset:

@@ -35,7 +35,7 @@ from seed_ros.conversions import (
 )
 from seed_sysid.data.bag import TOPIC
 from seed_sysid.data.dataset import SOURCES, Header
-from seed_sysid.data.sample_file import read
+from seed_sysid.data.sample_file import is_fresh, read
 from seed_sysid.parameters import Procedure
 from seed_sysid.ros.goal import ActiveGoal, ClocksBefore, GoalCancelledError, date
 from seed_sysid.run.live import Live, LiveError, Streams
@@ -165,7 +165,7 @@ class SysidNode(SeedNode):
         try:
             folder = Path(goal.request.output or f"{self.settings.output}/identify-{datetime.now(UTC):%Y%m%d-%H%M%S}")
             file = folder / "samples.jsonl"
-            if goal.request.zero_sensor and file.exists() and file.stat().st_size and read(file).samples:
+            if goal.request.zero_sensor and not is_fresh(file) and read(file).samples:
                 # the arm stands where it was interrupted: that load would be the new zero of the same grip
                 self.get_logger().warning(f"ft_sensor/zero is not called: the run of {folder} goes on with its zero")
             elif goal.request.zero_sensor:

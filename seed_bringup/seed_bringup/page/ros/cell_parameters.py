@@ -9,7 +9,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from rclpy.task import Future
 
-from seed_bringup.launching.addresses import is_loopback
+from seed_bringup.launching.addresses import is_standin
 from seed_core.errors import SeedError
 from seed_core.hand import Frame, Tool
 
@@ -55,7 +55,7 @@ class CellParameters:
 
     def _on_arm(self, model: Any, address: Any) -> None:
         name, at = model.string_value, address.string_value
-        self.arm = f"{name.upper().replace('E', 'e')}, {'stand-in' if is_loopback(at) else 'robot'} at {at}"
+        self.arm = f"{name.upper().replace('E', 'e')}, {'stand-in' if is_standin(at) else 'robot'} at {at}"
 
 
 class _Question:
