@@ -370,7 +370,6 @@ def test_the_command_keeps_single_runs_known_and_refuses_what_would_be_ignored(c
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--perturb", "mass", "--draws", "3"], "--draws has no part in --perturb"),
         (["--perturb", "mass", "--model", "bushing"], "--model has no part in --perturb"),
         (["--perturb", "mass", "--out", "draws.jsonl"], "--out has no part in --perturb"),
         (["--perturb", "mass", "--membrane", "0"], "--membrane has no part in --perturb"),
@@ -442,7 +441,7 @@ def test_perturbations_and_baselines_that_are_none_are_refused(capsys):
 
 def test_a_stiffness_that_nobody_knows_costs_its_share_of_the_spring_force_and_is_told_in_its_row():
     how = {"law": "seed", "estimator": "truth", "force": None, "scenario": "nominal"}
-    (row,) = perturb.perturbed(["stiffness_-20"], "squeegee", 3, **how)
+    (row,) = perturb.perturbed(["stiffness_-20"], "squeegee", [3], **how)
     weight = NOMINAL.tool.mass * 9.81
     assert row["force_z"]["rmse"] == pytest.approx(0.2 * (10.0 - weight), rel=0.05)  # the spring bears 10 N less it
     assert row["believed_z"]["rmse"] < 0.05
@@ -450,6 +449,25 @@ def test_a_stiffness_that_nobody_knows_costs_its_share_of_the_spring_force_and_i
     text = perturb.table([row])
     assert "stiffness of the force axis x0.8" in text
     assert "finished; before contact: while the tool hangs free or is still carried, the grasp's wrench differs" in text
+
+
+def test_of_several_seeds_median_90_per_cent_and_worst_are_told():
+    how = {"law": "seed", "estimator": "truth", "force": None, "scenario": "nominal"}
+    rows = perturb.perturbed(["mass"], "squeegee", [3, 4], **how)
+    assert [(r["perturbation"], r["seed"]) for r in rows] == [("mass", 3), ("mass", 4)]
+    head, names, mass = perturb.table(rows).splitlines()
+    assert head == "median / 90 % / worst"
+    assert "true force [N]" in names
+    median, _, worst = (float(v) for v in re.findall(r"[\d.]{5}", mass)[:3])
+    assert 0.05 < median <= worst < 0.3
+    assert mass.endswith("2 of 2; 0 of 2")
+
+
+def test_a_pose_that_is_told_is_off_by_what_the_world_says():
+    task = load_task("squeegee")
+    plant = Plant(NOMINAL, 1, task.frame.pose, start_pose(NOMINAL, task))
+    poses = WorldPoses(NOMINAL, World(images=ImageWorld(zero_mm=(0.0, 0.0, 0.3))), 1)
+    assert 1e3 * poses.measure(plant, plant.time).X_CT[:3, 3] == pytest.approx([0.0, 0.0, 0.3], abs=0.03)
 
 
 def test_identified_in_draws_the_hysteretic_spring_presses_truer_than_the_linear_one():

@@ -52,7 +52,7 @@ def _left_out(args: argparse.Namespace, hidden: bool) -> str:
     """Why an option would have no effect, and what to give instead; '' if all have one."""
     given = {name for name, value in vars(args).items() if value is not None and value is not False}
     if args.perturb:
-        other = sorted(given & {*_OF_HIDDEN, "scenarios", "column", "membrane"})
+        other = sorted(given & {*_OF_HIDDEN, "scenarios", "column", "membrane"} - {"draws"})
         return f"{_option(other[0])} has no part in --perturb: leave out either" if other else ""
     if hidden:
         for name, instead in (("scenarios", "--draws N"), ("column", "--scenario NAME"), ("membrane", "--membranes")):
@@ -133,7 +133,12 @@ def _parser() -> argparse.ArgumentParser:
         help="known: the cell is what the controller believes, one quick run; hidden: --draws of cells that it does "
         "not know, the score that docs and README state; default: known, and hidden with --draws or --membranes",
     )
-    p.add_argument("--draws", type=whole(1), metavar="N", help=f"hidden worlds; default: {DRAWS}")
+    p.add_argument(
+        "--draws",
+        type=whole(1),
+        metavar="N",
+        help=f"hidden worlds; default: {DRAWS}. With --perturb: seeds; default: 1",
+    )
     p.add_argument(
         "--membranes", action="store_true", help="hidden worlds whose grasp is two membranes, drawn with the world"
     )
@@ -229,7 +234,8 @@ def _draws(args: argparse.Namespace) -> int:
 
 def _perturb(args: argparse.Namespace) -> int:
     given = {name: getattr(args, name) for name in ("law", "estimator", "force", "scenario", "arm_sensor")}
-    rows = perturb.perturbed(args.perturb, args.task, args.seed, **given, shown=not args.json)
+    seeds = range(args.seed, args.seed + (args.draws or 1))
+    rows = perturb.perturbed(args.perturb, args.task, seeds, **given, jobs=args.jobs, shown=not args.json)
     print(to_json(rows) if args.json else perturb.table(rows))
     return 0
 

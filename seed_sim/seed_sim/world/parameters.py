@@ -62,6 +62,7 @@ class ImageWorld:
         doc="sideways way at which the tool would slide; the patch's edge does before",
     )
     range_error: float = field(0.0, low=0.0, high=3.0, doc="scale of the smooth range error; 1: as cameras come")
+    zero_mm: Vector3 = field(ZERO, unit="mm", low=-5.0, high=5.0, doc="by which the pose that is told is off, in T")
 
 
 @dataclass(frozen=True)

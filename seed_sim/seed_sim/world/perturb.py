@@ -8,10 +8,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from joblib import delayed
+
 from seed_core.errors import SeedError
-from seed_sim.closed_loop.progress import progress_bar
+from seed_sim.campaigns import spread
+from seed_sim.closed_loop.progress import Progress, in_parallel, progress_bar
 from seed_sim.closed_loop.relative_poses import FROM_IMAGES
 from seed_sim.world.parameters import CameraWorld, CellWorld, ImageWorld, ProcedureWorld, SpringWorld, World
+from seed_sim.world.score import value_of
 from seed_sim.world.trial import run_trial
 
 
@@ -48,12 +53,21 @@ def _z(factor: float) -> tuple[float, float, float, float, float, float]:
     return 1.0, 1.0, 1.0, 1.0, 1.0, factor
 
 
+def _all(factor: float, off: float = 0.0) -> World:
+    """Every stiffness times a factor, and z of the pose that is told off by so much [mm]."""
+    return World(spring=SpringWorld(scale=(factor,) * 6), images=ImageWorld(zero_mm=(0.0, 0.0, off)))
+
+
 _FITTED = 1.0 + 0.2 * 0.375  # of a line through half of the range of a spring that stiffens by 20 %
 PERTURBATIONS: dict[str, Perturbation] = {
     "none": Perturbation("as believed", World()),
     "stiffness_-20": Perturbation("stiffness of the force axis x0.8", _spring(scale=_z(0.8))),
     "stiffness_-5": Perturbation("stiffness of the force axis x0.95", _spring(scale=_z(0.95))),
     "stiffness_+10": Perturbation("stiffness of the force axis x1.1", _spring(scale=_z(1.1))),
+    "stiffness_all_-15": Perturbation("every stiffness x0.85, z off by 0.3 mm", _all(0.85, off=0.3)),
+    "stiffness_all_+15": Perturbation("every stiffness x1.15, z off by -0.3 mm", _all(1.15, off=-0.3)),
+    "stiffness_all_-5": Perturbation("every stiffness x0.95", _all(0.95)),
+    "stiffness_all_+5": Perturbation("every stiffness x1.05", _all(1.05)),
     "stiffening": Perturbation("stiffening 20 % at full deflection, file: small signal", _spring(stiffening=0.2)),
     "stiffening_fitted": Perturbation(
         "stiffening 20 %, file: fitted over half the range",
@@ -96,16 +110,19 @@ PERTURBATIONS: dict[str, Perturbation] = {
 def perturbed(
     names: Sequence[str],
     task: str,
-    seed: int,
+    seeds: Sequence[int],
     *,
     law: str,
     estimator: str,
     force: float | None,
     scenario: str | None,
     arm_sensor: bool = False,
+    jobs: int = 1,
     shown: bool = False,
 ) -> list[dict[str, Any]]:
-    """The rows of the table, one per name ('all': every one); `shown`: a bar on a terminal tells of each run.
+    """The rows of the table, one per name ('all': every one) and seed.
+
+    jobs: processes, for more than one seed. shown: a bar on a terminal tells of each run, or counts those of several.
 
     Raises:
         SeedError: a name is unknown, or one of images for an estimator that looks at none.
@@ -120,15 +137,21 @@ def perturbed(
             f"perturbation '{seen[0]}' is of images, which the estimator '{estimator}' does not look at: take one of "
             f"{', '.join(FROM_IMAGES)}, or of the perturbations {others}"
         )
+    how = {"law": law, "estimator": estimator, "force": force, "scenario": scenario, "arm_sensor": arm_sensor}
     rows = []
-    for name in wanted:
-        p = PERTURBATIONS[name]
-        how: dict[str, Any] = {"law": law, "estimator": estimator, "force": force, "scenario": scenario}
-        how["arm_sensor"] = arm_sensor
-        with progress_bar(name, shown=shown, leave=False) as progress:
-            result = run_trial(task, p.world, seed, **how, progress=progress).result
-        rows.append({"perturbation": name, "words": p.words, **result})
-    return rows
+    if len(seeds) == 1:
+        for name in wanted:
+            with progress_bar(name, shown=shown, leave=False) as progress:
+                rows.append(_row(name, task, seeds[0], how, progress))
+    else:
+        rows.extend(in_parallel([delayed(_row)(n, task, s, how) for n in wanted for s in seeds], jobs, "run"))
+    return sorted(rows, key=lambda r: (wanted.index(r["perturbation"]), r["seed"]))
+
+
+def _row(name: str, task: str, seed: int, how: dict[str, Any], progress: Progress | None = None) -> dict[str, Any]:
+    p = PERTURBATIONS[name]
+    result = run_trial(task, p.world, seed, **how, progress=progress).result
+    return {"perturbation": name, "words": p.words, "seed": seed, **result}
 
 
 def first_report(row: dict[str, Any]) -> dict[str, Any] | None:
@@ -137,7 +160,9 @@ def first_report(row: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
-    """The rows as text."""
+    """The rows as text; those of several seeds as median, 90 % and worst."""
+    if len({row["seed"] for row in rows}) > 1:
+        return _table_of_seeds(rows)
     lines = [f"{'perturbation':44s}{'true':>9s}{'believed':>10s}{'torque x':>10s}{'lean':>7s}  end; reported"]
     for row in rows:
         report, scored = first_report(row), bool(row.get("samples"))
@@ -151,6 +176,36 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
+def _table_of_seeds(rows: Sequence[dict[str, Any]]) -> str:
+    """A line per perturbation."""
+    heads = "".join(f"{name:>25s}" for name in ("true force [N]", "torque x [N m]", "lean [deg]"))
+    lines = ["median / 90 % / worst", f"{'perturbation':44s}{heads}  finished; reported"]
+    for name in dict.fromkeys(row["perturbation"] for row in rows):
+        these = [row for row in rows if row["perturbation"] == name]
+        cells = ""
+        for key in ("force_z", "torque_x", "lean"):
+            values = [v for row in these if (v := value_of(row, key)) is not None]
+            s = spread(values) if values else None
+            cells += f"{'-' if s is None else '{median:.3f} / {p90:.3f} / {worst:.3f}'.format(**s):>25s}"
+        finished = f"{sum(bool(row['finished']) for row in these)} of {len(these)}"
+        lines.append(f"{these[0]['words']:44s}{cells}  {finished}; {_reports(these)}")
+    return "\n".join(lines)
+
+
+def _reports(rows: Sequence[dict[str, Any]]) -> str:
+    """How often something was reported, and when."""
+    first = [r for row in rows if (r := first_report(row)) is not None]
+    after = [r["after"] for r in first if not _before_contact(r)]
+    said = f"{len(first)} of {len(rows)}"
+    if len(after) < len(first):
+        said += f", {len(first) - len(after)} before contact"
+    return said + (f", {len(after)} after {np.median(after):.1f} s, at most {max(after):.1f} s" if after else "")
+
+
+def _before_contact(report: dict[str, Any]) -> bool:
+    return report["after"] is None or report["after"] < 0
+
+
 def _when(report: dict[str, Any]) -> str:
-    when = "before contact" if report["after"] is None or report["after"] < 0 else f"after {report['after']:.1f} s"
+    when = "before contact" if _before_contact(report) else f"after {report['after']:.1f} s"
     return f"{when}: {report['text']}"

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.spatial import Array
+from seed_core.spatial import Array, make_pose
 from seed_estimation import Estimator, TactileImages
 from seed_estimation.calibration.file import Calibration
 from seed_sim.closed_loop.relative_poses import IMAGE_DELAY, PoseSource, estimator_parameters
@@ -81,6 +81,7 @@ class WorldPoses(PoseSource):
         self._early: deque[TactileImages] = deque()  # the first finger's of the pairs that come next
         self.estimator = make_estimator(scenario, self._cameras, calibration, method, self.period)
         self.images: dict[str, TactileImages] = {}
+        self._off = make_pose(np.eye(3), 1e-3 * np.array(world.images.zero_mm))
         self._hanging = world.cell.hanging
         if not self._hanging:
             take_grasp(self.estimator, self._cameras, np.eye(4), 0.0, self.period)
@@ -123,6 +124,7 @@ class WorldPoses(PoseSource):
             images[self._first] = self._early[0]
         self.images = {f: replace(i, stamp=i.stamp - self._offset) for f, i in images.items()}
         estimate = self.estimator.update(self.images, stamp + self._clock - self._offset)
+        estimate = replace(estimate, X_CT=estimate.X_CT @ self._off)
         return self._pressures.into(estimate, plant.grip.pressures, plant.time)
 
     def _others(self) -> list[str]:
