@@ -74,10 +74,18 @@ class GripperGoals:
         self._wanted = self._goal(width, c.max_force)
 
     def push(self, force: float) -> None:
-        """Each finger is to push with a force [N]. Raises GripperError."""
+        """Each finger is to push with a force [N]. Raises GripperError.
+
+        An effort of 0 is no force to ask for. Servers take it for their greatest (ZebraDevs/robot_controllers,
+        parallel_gripper.cpp), for their default (OnRobot/onrobot-ros2, onrobot_gripper_controllers), or for fingers
+        without torque, which drop the tool (SAKErobotics/EZGripper_ros2, ezgripper_action_server.py).
+        """
         c = self.config
-        if not isfinite(force) or not 0.0 <= force <= c.max_force:
-            raise GripperError(f"gripper/force_command = {force} N must be between 0 and max_force = {c.max_force:g} N")
+        if not isfinite(force) or not 0.0 < force <= c.max_force:
+            raise GripperError(
+                f"gripper/force_command = {force} N must be above 0 and at most max_force = {c.max_force:g} N; "
+                "fingers that are not to push are opened by gripper/command"
+            )
         self._wanted = self._goal(0.0, force)
 
     def _goal(self, width: float, force: float) -> Goal:

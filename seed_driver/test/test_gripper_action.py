@@ -148,8 +148,25 @@ def test_a_width_that_cannot_be_is_refused(width: float) -> None:
         GripperGoals(ANGLE).width(width)
     with pytest.raises(GripperError, match="max_force = 30 N"):
         GripperGoals(ANGLE).push(width if width < 0.0 else 31.0)
+    with pytest.raises(GripperError, match="force_command = nan N"):
+        GripperGoals(ANGLE).push(float("nan"))
     with pytest.raises(ConfigError, match="must differ"):
         GripperActionConfig(open_position=0.1, closed_position=0.1)
+
+
+def test_no_force_is_no_goal() -> None:
+    """Effort 0 closes with all or the default force, or lets the fingers go, by the server."""
+    goals = GripperGoals(ANGLE)
+    goals.push(5.0)
+    with pytest.raises(GripperError, match=r"force_command = 0\.0 N must be above 0 .* opened by gripper/command"):
+        goals.push(0.0)
+    goal = goals.due(0.0)
+    assert goal is not None
+    assert goal.force == 5.0  # what was asked for before stands
+    goals.width(0.0)
+    goal = goals.due(1.0)
+    assert goal is not None
+    assert goal.effort == 30.0
 
 
 @pytest.mark.skipif(find_spec("control_msgs") is not None, reason="control_msgs is installed")

@@ -115,7 +115,8 @@ class GripperActionNode(SeedNode):
     def _report(self) -> diagnostics.Report:
         values: dict[str, object] = {"action": self.config.action, **self.counters.values()}
         if not self._client.server_is_ready():
-            return diagnostics.WARN, f"no action server {self.config.action}: start the gripper's controller", values
+            what = f"no action server {self.config.action} of type {self.config.kind}"
+            return diagnostics.WARN, f"{what}: start the gripper's controller, or set kind to what it offers", values
         if not self._heard:
             return diagnostics.WARN, f"joint_states tell no {self.config.joint}", values
         return diagnostics.OK, self.counters.last or "the gripper answers", values
