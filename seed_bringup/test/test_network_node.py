@@ -99,9 +99,9 @@ def test_the_profile_goes_by_the_name_that_the_fast_dds_of_each_distribution_rea
 
 
 def test_of_two_computers_each_starts_its_part_and_is_bound_to_its_address(monkeypatch: pytest.MonkeyPatch) -> None:
-    given = {"address": "192.168.9.1", "peers": "192.168.9.2"}
+    given, before = {"address": "192.168.9.1", "peers": "192.168.9.2"}, SEEDS | {"ROS_LOCALHOST_ONLY": "1"}
     camera, robot = (
-        described(monkeypatch, ROOT / f"seed_bringup/launch/{which}_host_launch.xml", SEEDS, **given)
+        described(monkeypatch, ROOT / f"seed_bringup/launch/{which}_host_launch.xml", before, **given)
         for which in ("camera", "robot")
     )
     assert [n.name for n in camera.nodes] == ["estimator"]
@@ -115,6 +115,7 @@ def test_of_two_computers_each_starts_its_part_and_is_bound_to_its_address(monke
             assert node.environment[RANGE] == "LOCALHOST"
             assert node.environment["ROS_STATIC_PEERS"] == "192.168.9.2"
             assert node.environment["SEED_ADDRESS"] == "192.168.9.1"
+            assert "ROS_LOCALHOST_ONLY" not in node.environment  # with it the peers do not count
 
 
 @pytest.mark.skipif(
