@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from seed_core.errors import SeedError
 from seed_core.hand import Hand, Tool
 from seed_ur.kinematics import URKinematics
+from seed_ur.models import MODELS
 
 FOLDER = Path(__file__).parents[1] / "urdf"
 ARMS = ("ur5e", "ur10e")
@@ -48,6 +49,25 @@ def test_flange_of_the_urdf_is_the_flange_of_the_dh_table(name: str) -> None:
     for q in np.random.default_rng(8).uniform(-np.pi, np.pi, (20, 6)):
         X = chain_pose(FOLDER / f"{name}.urdf", "tool0", "base", dict(zip(names, q, strict=True)))
         assert_allclose(X, arm.forward(q), atol=1e-8)  # nine decimals in the file
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_links_lie_where_ur_description_has_those_of_the_same_names(name: str) -> None:
+    """Its chain, as ur_macro.xacro and default_kinematics.yaml have it: each joint's place and turn about x."""
+    d1, _, _, d4, d5, d6 = MODELS[name].d
+    _, a2, a3, *_ = MODELS[name].a
+    places = ((0, 0, d1), (0, 0, 0), (a2, 0, 0), (a3, 0, d4), (0, -d5, 0), (0, d6, 0))
+    turns = (0.0, np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2)
+    q = np.random.default_rng(10).uniform(-np.pi, np.pi, 6)
+    names = [j.get("name") for j in ET.parse(FOLDER / f"{name}.urdf").getroot().findall("joint[@type='revolute']")]
+    X = np.eye(4)
+    for i, link in enumerate(("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")):
+        step = np.eye(4)
+        step[:3, :3] = Rotation.from_euler("x", turns[i]).as_matrix() @ Rotation.from_euler("z", q[i]).as_matrix()
+        step[:3, 3] = places[i]
+        X = X @ step
+        found = chain_pose(FOLDER / f"{name}.urdf", f"{link}_link", "base", dict(zip(names, q, strict=True)))
+        assert_allclose(found, X, atol=1e-8)
 
 
 @pytest.mark.parametrize("name", ARMS)

@@ -2,7 +2,8 @@
 """Writes ur5e.urdf and ur10e.urdf, arms with our gripper and tool, from the DH table and the default hand.
 
 Run it after a change of seed_ur.models or seed_core.hand:  ./seed shell python seed_bringup/urdf/generate.py
-Link i's frame stands on the axis of joint i (z); its offset B_i = Tz(d) Tx(a) Rx(alpha) leads to the next joint.
+Frames of links lie where those of the same names lie in ur_description (UniversalRobots/Universal_Robots_ROS2_Description,
+urdf/ur_macro.xacro, config/*/default_kinematics.yaml): on the axis of joint i (z), already moved by d along it.
 Masses and centres of mass are UR's; inertias are those of uniform cylinders along the link; shapes are sketches.
 Every function gives a piece of URDF as text.
 """
@@ -84,11 +85,14 @@ def joint(name: str, kind: str, parent: str, child: str, at: str, *more: str) ->
 def arm_link(arm: URModel, i: int) -> str:
     """Link i with its mass and a sketch of its tube, shifted along z to where its centre of mass says it is."""
     c, s = cos(ALPHA[i]), sin(ALPHA[i])
-    B = np.array(((1, 0, 0, arm.a[i]), (0, c, -s, 0), (0, s, c, arm.d[i]), (0, 0, 0, 1.0)))  # to joint i + 1
+    B = np.array(((1, 0, 0, arm.a[i]), (0, c, -s, 0), (0, s, c, 0), (0, 0, 0, 1.0)))  # to DH's frame i
     com = (B @ [*arm.com[i], 1.0])[:3]
     radius = THICKNESS[arm.name][i]
-    side = np.array((0.0, 0.0, com[2] if abs(arm.a[i]) > 0 else 0.0))
-    start, end = side, np.array((arm.a[i], 0.0, 0.0)) + (side if abs(arm.a[i]) > 0 else np.array((0, 0, arm.d[i])))
+    if abs(arm.a[i]) > 0:
+        start = np.array((0.0, 0.0, com[2]))
+        end = start + (arm.a[i], 0.0, 0.0)
+    else:
+        start, end = np.array((0.0, 0.0, -arm.d[i])), np.zeros(3)
     length = float(np.linalg.norm(end - start))
     mass = inertial(arm.mass[i], com, (end - start) / length, radius, length)
     return link(LINK_NAMES[i], mass, cylinder(start, end, radius, "arm"))
@@ -96,7 +100,8 @@ def arm_link(arm: URModel, i: int) -> str:
 
 def arm_joint(arm: URModel, i: int) -> str:
     """Joint i about its z, with its limits."""
-    at = origin() if i == 0 else origin((arm.a[i - 1], 0.0, arm.d[i - 1]), (ALPHA[i - 1], 0.0, 0.0))
+    a, alpha, d = (arm.a[i - 1], ALPHA[i - 1], arm.d[i]) if i else (0.0, 0.0, arm.d[0])
+    at = origin((a, -sin(alpha) * d, cos(alpha) * d), (alpha, 0.0, 0.0))
     limits = {"lower": -arm.range, "upper": arm.range, "velocity": arm.speed[i], "effort": arm.torque[i]}
     limit = " ".join(f'{name}="{numbers(value)}"' for name, value in limits.items())
     parent = "base" if i == 0 else LINK_NAMES[i - 1]
@@ -137,7 +142,7 @@ def robot(arm: URModel, hand: Hand, tool: Tool) -> str:
         joint("base_turn", "fixed", "base_link", "base", origin(rpy=(0, 0, pi))),
         *(part for i in range(6) for part in (arm_link(arm, i), arm_joint(arm, i))),
         link("tool0"),
-        joint("flange", "fixed", LINK_NAMES[5], "tool0", origin((0, 0, arm.d[5]))),
+        joint("flange", "fixed", LINK_NAMES[5], "tool0", origin()),
         *hand_and_tool(hand, tool),
     ]
     root = ET.fromstring(f'<robot name="seed_{arm.name}">{"".join(parts)}</robot>')
