@@ -26,7 +26,10 @@ class GripperActionConfig:
     joint: str = field("gripper_joint", doc="name of the joint in joint_states and in the goals")
     open_width: float = field(0.085, unit="m", low=0.001, high=1.0, doc="distance of the open fingers")
     open_position: float = field(0.085, low=-10.0, high=10.0, doc="of the joint there [m or rad]")
-    closed_position: float = field(0.0, low=-10.0, high=10.0, doc="of the joint where the fingers meet [m or rad]")
+    closed_width: float = field(
+        0.0, unit="m", low=0.0, high=1.0, doc="distance of the closed fingers; above 0 where they cannot meet"
+    )
+    closed_position: float = field(0.0, low=-10.0, high=10.0, doc="of the joint there [m or rad]; forces close to it")
     max_force: float = field(20.0, unit="N", low=0.1, high=500.0, doc="of each finger, with commands of width")
     effort_per_force: float = field(1.0, low=1e-3, high=1e3, doc="the action's effort per newton of one finger")
     force: str = field(
@@ -41,6 +44,15 @@ class GripperActionConfig:
     def __post_init__(self) -> None:
         if self.open_position == self.closed_position:
             raise ConfigError(f"open_position and closed_position are both {self.open_position:g}: they must differ")
+        if self.closed_width >= self.open_width:
+            raise ConfigError(
+                f"closed_width = {self.closed_width:g} m must be less than open_width = {self.open_width:g} m"
+            )
+
+    @property
+    def width_per_position(self) -> float:
+        """[m] by [m or rad] of the joint; negative where the joint runs the other way."""
+        return (self.open_width - self.closed_width) / (self.open_position - self.closed_position)
 
 
 class Goal(NamedTuple):
@@ -69,8 +81,11 @@ class GripperGoals:
     def width(self, width: float) -> None:
         """The fingers are to go to a width [m], and push with no more than max_force. Raises GripperError."""
         c = self.config
-        if not isfinite(width) or not 0.0 <= width <= c.open_width:
-            raise GripperError(f"gripper/command = {width} m must be between 0 and open_width = {c.open_width:g} m")
+        if not isfinite(width) or not c.closed_width <= width <= c.open_width:
+            least = f"closed_width = {c.closed_width:g}" if c.closed_width else "0"
+            raise GripperError(
+                f"gripper/command = {width} m must be between {least} and open_width = {c.open_width:g} m"
+            )
         self._wanted = self._goal(width, c.max_force)
 
     def push(self, force: float) -> None:
@@ -86,12 +101,11 @@ class GripperGoals:
                 f"gripper/force_command = {force} N must be above 0 and at most max_force = {c.max_force:g} N; "
                 "fingers that are not to push are opened by gripper/command"
             )
-        self._wanted = self._goal(0.0, force)
+        self._wanted = self._goal(c.closed_width, force)
 
     def _goal(self, width: float, force: float) -> Goal:
         c = self.config
-        share = width / c.open_width
-        position = c.closed_position + share * (c.open_position - c.closed_position)
+        position = c.closed_position + (width - c.closed_width) / c.width_per_position
         return Goal(position, force * c.effort_per_force, force)
 
     def due(self, t: float) -> Goal | None:
@@ -100,7 +114,7 @@ class GripperGoals:
         if new is None or new == old or 0.0 <= t - self._when < self._pause:
             return None
         if old is not None:
-            moved = abs(new.position - old.position) / abs(c.open_position - c.closed_position) * c.open_width
+            moved = abs((new.position - old.position) * c.width_per_position)
             if moved < c.least_width and abs(new.force - old.force) < c.least_force:
                 return None
         if old is None or new.position != old.position:
@@ -136,7 +150,7 @@ class GripperGoals:
     def width_of(self, position: float) -> float:
         """Distance of the fingers [m] where the joint is at a position [m or rad]."""
         c = self.config
-        return (position - c.closed_position) / (c.open_position - c.closed_position) * c.open_width
+        return c.closed_width + (position - c.closed_position) * c.width_per_position
 
     def force_of(self, effort: float) -> float:
         """Push of each finger [N] at a joint's effort; not a number for one that is not told."""

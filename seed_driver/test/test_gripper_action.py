@@ -35,6 +35,25 @@ def test_a_force_closes_with_that_much() -> None:
     assert (goal.position, goal.force) == (0.8, 12.0)
 
 
+def test_fingers_that_cannot_meet_are_sent_no_further_than_they_go() -> None:
+    """As a 2FG7 with its standard fingers: the driver refuses a distance below the least that it tells."""
+    config = GripperActionConfig(open_width=0.05, open_position=0.05, closed_width=0.01, closed_position=0.01)
+    goals = GripperGoals(config)
+    goals.push(10.0)
+    goal = goals.due(0.0)
+    assert goal is not None
+    assert goal.position == pytest.approx(0.01)
+    goals.width(0.02)
+    goal = goals.due(1.0)
+    assert goal is not None
+    assert goal.position == pytest.approx(0.02)
+    assert goals.width_of(0.03) == pytest.approx(0.03)
+    with pytest.raises(GripperError, match=r"must be between closed_width = 0\.01 and open_width"):
+        goals.width(0.005)
+    with pytest.raises(ConfigError, match=r"closed_width = 0\.085 m must be less than open_width = 0\.085 m"):
+        GripperActionConfig(closed_width=0.085)
+
+
 def test_goals_come_no_faster_than_the_rate_and_only_when_something_changes() -> None:
     goals = GripperGoals(ANGLE)
     sent = 0

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pinhole camera with lens distortion: pixels to rays and back.
 
-Two models of distortion, named as in sensor_msgs/CameraInfo. With a = (u - cx)/fx, b = (v - cy)/fy measured, x, y true
-and B of `distortion`, `plumb_bob` (Brown and Conrady) is (a, b) = B(x, y); `inverse_brown_conrady` (RealSense) is
-(x, y) = B(a, b).
+Two models of distortion: `plumb_bob` (Brown and Conrady), as sensor_msgs/CameraInfo names it, and librealsense's
+`inverse_brown_conrady`, which sensor_msgs does not know, and realsense2_camera calls `plumb_bob` (realsense-ros, issue
+2458). With a = (u - cx)/fx, b = (v - cy)/fy measured, x, y true and B of `distortion`, the one is (a, b) = B(x, y), the
+other (x, y) = B(a, b).
 """
 
 from __future__ import annotations
