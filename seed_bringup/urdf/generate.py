@@ -2,8 +2,8 @@
 """Writes ur5e.urdf and ur10e.urdf, arms with our gripper and tool, from the DH table and the default hand.
 
 Run it after a change of seed_ur.models or seed_core.hand:  ./seed shell python seed_bringup/urdf/generate.py
-Frames of links lie where those of the same names lie in ur_description (UniversalRobots/Universal_Robots_ROS2_Description,
-urdf/ur_macro.xacro, config/*/default_kinematics.yaml): on the axis of joint i (z), already moved by d along it.
+Frames of links lie where those of the same names lie in ur_description: on the axis of joint i (z), already moved by d
+along it (UniversalRobots/Universal_Robots_ROS2_Description, urdf/ur_macro.xacro and config/*/default_kinematics.yaml).
 Masses and centres of mass are UR's; inertias are those of uniform cylinders along the link; shapes are sketches.
 Every function gives a piece of URDF as text.
 """
@@ -90,7 +90,7 @@ def arm_link(arm: URModel, i: int) -> str:
     radius = THICKNESS[arm.name][i]
     if abs(arm.a[i]) > 0:
         start = np.array((0.0, 0.0, com[2]))
-        end = start + (arm.a[i], 0.0, 0.0)
+        end = start + np.array((arm.a[i], 0.0, 0.0))
     else:
         start, end = np.array((0.0, 0.0, -arm.d[i])), np.zeros(3)
     length = float(np.linalg.norm(end - start))
