@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from seed_bringup.launching.addresses import listening_as
 from seed_bringup.launching.description import Description, describe
 from seed_bringup.launching.launcher import Launch
 
@@ -96,6 +97,8 @@ def test_the_profile_goes_by_the_name_that_the_fast_dds_of_each_distribution_rea
         for name, profile in (("estimator", estimator), ("bubbles", cameras)):
             assert Path(nodes[name].environment[variable]).name == profile
             assert ({OLD, NEW} - {variable}).isdisjoint(nodes[name].environment)
+    monkeypatch.setenv("ROS_DISTRO", distribution)
+    assert list(listening_as("hosts.xml")) == [variable]  # of what is started without a launch file
 
 
 def test_of_two_computers_each_starts_its_part_and_is_bound_to_its_address(monkeypatch: pytest.MonkeyPatch) -> None:

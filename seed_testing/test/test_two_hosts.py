@@ -4,11 +4,12 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from seed_testing.two_hosts import network
+from seed_testing.two_hosts import command, network
 from seed_testing.two_hosts.command import CASES, line, of_method, wrong
 from seed_testing.two_hosts.network import ADDRESSES, Quality, TwoHosts, Way
 
@@ -79,6 +80,38 @@ def test_a_row_counts_for_the_method_that_it_was_made_with() -> None:
     assert of_method(rows, CASE["2 ms"], "truth") == rows["2 ms"]
     assert of_method(rows, CASE["2 ms"], "rigid_fit") == {}
     assert of_method(rows, CASE["10 ms"], "rigid_fit") == {}  # nobody knows
+
+
+class _Asked(Exception):
+    """In place of a process that would be started."""
+
+
+@pytest.mark.parametrize(
+    ("distribution", "variable"),
+    [("jazzy", "FASTRTPS_DEFAULT_PROFILES_FILE"), ("kilted", "FASTDDS_DEFAULT_PROFILES_FILE")],
+)
+def test_its_processes_and_the_cameras_bench_have_their_profile_by_the_name_that_their_fast_dds_reads(
+    monkeypatch: pytest.MonkeyPatch, distribution: str, variable: str
+) -> None:
+    pytest.importorskip("rclpy", reason="needs ROS 2")
+    from seed_testing.bench.ros import camera_rate
+
+    given: list[dict[str, str]] = []
+
+    def start(*_: object, env: dict[str, str], **__: object) -> None:
+        given.append(env)
+        raise _Asked
+
+    monkeypatch.setenv("ROS_DISTRO", distribution)
+    monkeypatch.setattr(subprocess, "Popen", start)
+    monkeypatch.setattr(TwoHosts, "inside", lambda *_: [])
+    with pytest.raises(_Asked):
+        command._host(TwoHosts(), 0, "camera_host", *ADDRESSES).__enter__()
+    with pytest.raises(_Asked):
+        camera_rate.run()
+    names = [Path(environment[variable]) for environment in given]
+    assert [name.name for name in names] == ["hosts.xml", "loopback_images.xml"]
+    assert all(name.is_file() for name in names)
 
 
 def test_without_the_rights_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

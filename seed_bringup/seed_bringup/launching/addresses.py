@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Addresses of this computer's network interfaces, and those at which the stand-in controller is."""
+"""Addresses of this computer's network interfaces, those at which the stand-in controller is, and where nodes listen."""
 
 import array
 import fcntl
+import os
 import socket
 import struct
 from ipaddress import IPv4Address
 
 from seed_bringup.launching.launch_xml import LaunchError
+from seed_bringup.launching.packages import package_share
 
 SIOCGIFCONF = 0x8912  # of Linux: the interfaces that have an IPv4 address
 ENTRY = 40  # [bytes] of each
@@ -43,3 +45,9 @@ def check_own(address: str) -> None:
         raise LaunchError(
             f"address:={address}: no network interface of this computer has it: it has {there or 'none'}"
         ) from error
+
+
+def listening_as(profile: str) -> dict[str, str]:
+    """The variable that gives a process one of our profiles of Fast DDS, as launch/parts/network.xml does."""
+    name = "FASTRTPS" if os.environ.get("ROS_DISTRO", "jazzy") == "jazzy" else "FASTDDS"  # the latter: Fast DDS 3
+    return {f"{name}_DEFAULT_PROFILES_FILE": str(package_share("seed_bringup") / "config" / profile)}

@@ -17,8 +17,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
+from seed_bringup.launching.addresses import listening_as
 from seed_bringup.launching.domains import OWN, claimed
-from seed_bringup.launching.packages import package_share
 from seed_core.errors import FailedError
 from seed_core.program.command_line import Parser, command
 from seed_testing.live.verdict import EXCESS, HELD_WITHIN
@@ -185,13 +185,12 @@ def _said(process: "subprocess.Popen[str]", hosts: TwoHosts) -> dict[str, Any]:
 @contextmanager
 def _host(hosts: TwoHosts, which: int, module: str, *words: str) -> Iterator["subprocess.Popen[str]"]:
     """One of the two, until the context ends."""
-    profile = package_share("seed_bringup") / "config" / "hosts.xml"
     environment = os.environ | {
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "ROS_STATIC_PEERS": words[1],
         "SEED_ADDRESS": words[0],
-        "FASTRTPS_DEFAULT_PROFILES_FILE": str(profile),
         "SEED_LOOPBACK": "true",  # the launch files decide, as they do for ./seed
+        **listening_as("hosts.xml"),
     }
     program = [sys.executable, "-P", "-m", f"seed_testing.two_hosts.ros.{module}", *words]
     process = subprocess.Popen(

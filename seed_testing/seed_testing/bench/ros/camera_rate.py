@@ -21,7 +21,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 from std_srvs.srv import SetBool
 
-from seed_bringup.launching.packages import package_share
+from seed_bringup.launching.addresses import listening_as
 from seed_core.errors import FailedError
 from seed_core.hand import FINGERS
 from seed_core.program.command_line import Parser, command, number
@@ -93,8 +93,7 @@ class _Listener:
 
 def run(seconds: float = 600.0) -> dict[str, Any]:
     """Figures over `seconds`, then the time to return. Raises FailedError: no images."""
-    profile = package_share("seed_bringup") / "config" / "loopback_images.xml"
-    environment = {**os.environ, "FASTRTPS_DEFAULT_PROFILES_FILE": str(profile)}
+    environment = os.environ | listening_as("loopback_images.xml")
     process = subprocess.Popen([sys.executable, "-m", NODE], env=environment, stdout=subprocess.DEVNULL)
     listener = _Listener()
     try:
