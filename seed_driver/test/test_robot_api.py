@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, HTTPServer
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -124,6 +125,33 @@ def test_an_answer_is_no_longer_waited_for_once_it_is_given_up(robot: Robot) -> 
         switch(HOST, "power on", "brake release", said="releasing", pause=given_up)
     assert time.monotonic() - begun < 1.5
     assert [body["action"] for _, body in robot.asked] == ["POWER_ON"]
+
+
+@pytest.mark.parametrize("name", ["power_on", "unlock_protective_stop", "restart_safety"])
+def test_a_stop_ends_the_wait_of_each_service_for_the_robot_api(robot: Robot, name: str) -> None:
+    pytest.importorskip("rclpy", reason="needs ROS 2")
+    from seed_driver.ros.requests import Requests
+
+    robot.takes = 2.5
+    offered: dict[str, Any] = {}
+    requests = Requests(SimpleNamespace(serve=lambda _, name, method, **__: offered.update({name: method})), lambda: 0)
+    supervisor = SimpleNamespace(state=SimpleNamespace(linked=False), send=lambda *_, **__: 1, replies={})
+    requests.begin(supervisor, HOST)
+    try:
+        offered[f"~/{name}"]().send(None)
+        until = time.monotonic() + 3.0
+        while not robot.asked and time.monotonic() < until:
+            time.sleep(0.02)
+        assert robot.asked
+        [(call, answer)] = requests._thread_calls
+        offered["~/stop"]().send(None)
+        begun = time.monotonic()
+        assert "given up: the arm was stopped" in str(call.exception(timeout=10.0))
+        assert time.monotonic() - begun < 1.0
+        requests.answer(time.monotonic())
+        assert answer.done()
+    finally:
+        requests.close()
 
 
 def test_an_arm_that_takes_long_for_its_power_is_waited_for(robot: Robot) -> None:

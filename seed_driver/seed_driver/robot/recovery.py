@@ -98,18 +98,19 @@ def unlock(host: str, safety_mode: int = 0, pause: Pause = time.sleep) -> str:
     return switch(host, "close safety popup", "unlock protective stop", said="releasing", pause=pause)
 
 
-def restart_safety(host: str, safety_mode: int = 0) -> str:
+def restart_safety(host: str, safety_mode: int = 0, pause: Pause = time.sleep) -> str:
     """After a violation or fault of the safety system; the arm is without power then.
 
     Args:
         safety_mode: that the robot told last, by RTDE; 0: none.
+        pause: as in `recover`.
 
     Raises:
         LinkError: there is neither, for that would take an arm's power away, or it is refused.
     """
     _require(host, safety_mode, "restart", "VIOLATION", "FAULT")
     try:
-        answer = switch(host, "close safety popup", "restart safety", said="restarting safety")
+        answer = switch(host, "close safety popup", "restart safety", said="restarting safety", pause=pause)
     except LinkError as error:
         raise LinkError(f"the safety system is not restarted: {error}") from error
     return f"{answer}; then call power_on"

@@ -139,7 +139,7 @@ class Requests:
         return await self._end_stop(partial(unlock, safety_mode=self._safety_mode(), pause=self._pause()))
 
     async def _restart_safety(self) -> str:
-        return await self._in_thread(partial(restart_safety, safety_mode=self._safety_mode()))
+        return await self._in_thread(partial(restart_safety, safety_mode=self._safety_mode(), pause=self._pause()))
 
     def _pause(self) -> Callable[[float], None]:
         """Waits so long [s], as time.sleep does. Raises LinkError: it was given up meanwhile."""
