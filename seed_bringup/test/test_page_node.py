@@ -202,7 +202,16 @@ def test_the_buttons_reach_the_cell_of_their_namespace_and_no_other(
         of_left.close()
 
 
-def test_a_grasp_that_the_estimator_refuses_leaves_the_gripper_open(cell: SlowCell, hands: CellHands) -> None:
+@pytest.mark.parametrize(
+    ("opens", "answer", "how"),
+    [
+        (True, "released", "the gripper is open again"),
+        (False, "the tool is loaded: lift it first", "the gripper stays closed: the tool is loaded: lift it first"),
+    ],
+)
+def test_a_grasp_that_the_estimator_refuses_leaves_the_gripper_open_or_tells_why_not(
+    cell: SlowCell, hands: CellHands, opens: bool, answer: str, how: str
+) -> None:
     """As before a reference, which is of an open gripper."""
 
     def offer(name: str, good: bool, told: str) -> None:
@@ -214,14 +223,14 @@ def test_a_grasp_that_the_estimator_refuses_leaves_the_gripper_open(cell: SlowCe
         cell.create_service(Trigger, name, serve, callback_group=ReentrantCallbackGroup())
 
     offer("sim/grasp", True, "grasped the squeegee")
-    offer("sim/release", True, "released")
+    offer("sim/release", opens, answer)
     offer("estimator/initialize_grasp", False, "no reference: capture one with the bubbles touching nothing")
     names = ("sim/grasp", "estimator/initialize_grasp", "sim/release")
     until(lambda: all(hands._triggers[name].service_is_ready() for name in names))
     good, told = hands.press("Grasp").result(10.0)
     assert not good
     assert cell.called == list(names)
-    assert told == "Grasp: no reference: capture one with the bubbles touching nothing; the gripper is open again."
+    assert told == f"Grasp: no reference: capture one with the bubbles touching nothing; {how}."
 
 
 def test_stop_is_served_at_once_while_another_button_waits(cell: SlowCell, hands: CellHands) -> None:

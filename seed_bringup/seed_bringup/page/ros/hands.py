@@ -226,11 +226,18 @@ class CellHands:
             except NotDoneError as error:
                 if not words:
                     raise
-                await self._trigger("sim/release")  # a reference, as it may need, is of an open gripper
-                raise NotDoneError(f"{error}; the gripper is open again") from None
+                raise NotDoneError(f"{error}; {await self._open_again()}") from None
         if not words:
             raise NotDoneError("neither sim/grasp nor estimator/initialize_grasp is offered: does the cell run?")
         return "; ".join(words)
+
+    async def _open_again(self) -> str:
+        """Release, for a reference, as may be needed, is of an open gripper; how the gripper is."""
+        try:
+            await self._release()
+        except NotDoneError as error:
+            return f"the gripper stays closed: {error}"
+        return "the gripper is open again"
 
     async def _release(self) -> str:
         return await self._trigger("sim/release")
