@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from seed_bringup.commands.cells import domain_argument, join
+from seed_bringup.commands.cells import cell_arguments, in_root, join
 from seed_core.errors import SeedError
 from seed_core.program.command_line import Parser, command, results_folder, seed_number, whole
 from seed_sim.identification.scenario import identify_on_membrane, load
@@ -39,9 +39,9 @@ WAYS = {  # what each takes beside --json
     "--procedure weight --from": ("hand", "model", "out"),
     "--from": ("poses", "model", "out"),
     "--world hidden": ("world", "seed", "draws"),
-    "--live": ("domain", "poses", "zero_sensor", "out"),
+    "--live": ("domain", "namespace", "poses", "zero_sensor", "out"),
 }
-DEFAULTS = {"scenario": "default", "seed": 0, "poses": "kinematic", "draws": 20}
+DEFAULTS = {"scenario": "default", "seed": 0, "poses": "kinematic", "draws": 20, "namespace": ""}
 
 
 def parser() -> argparse.ArgumentParser:
@@ -77,7 +77,8 @@ def parser() -> argparse.ArgumentParser:
         "--draws", type=whole(1), help="of hidden worlds, the first being --seed; the grasp of `nominal` (default: 20)"
     )
     out.add_argument("--live", action="store_true", help="on the running cell, by the node sysid; Ctrl-C cancels")
-    domain_argument(out)
+    cell_arguments(out)
+    out.set_defaults(namespace=None)
     out.add_argument(
         "--zero-sensor",
         action="store_true",
@@ -164,7 +165,7 @@ def _live(args: argparse.Namespace) -> int:
     print(f"seed identify: {join(args)}", file=sys.stderr)
     print(f"seed identify: results go to {folder}; {then}", file=sys.stderr, flush=True)
     client = import_module("seed_sysid.ros.client")  # ROS, only where it is needed
-    figures = client.identify(folder, args.poses, args.zero_sensor)
+    figures = client.identify(folder, args.poses, args.zero_sensor, in_root(args.namespace))
     print(json.dumps(figures) if args.json else client.table(figures, folder))
     return 0 if figures["stiffness_file"] else 1
 

@@ -23,6 +23,7 @@ from rclpy.node import Node  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
+from seed_bringup.launching.description import describe  # noqa: E402
 from seed_core.clocks import read_clocks, save_clocks  # noqa: E402
 from seed_core.errors import SeedError  # noqa: E402
 from seed_core.spatial import Wrench, make_pose  # noqa: E402
@@ -42,6 +43,7 @@ from seed_sysid.run.procedure import Command, average  # noqa: E402
 
 pytestmark = pytest.mark.ros
 
+ROOT = Path(__file__).resolve().parents[1]
 LEFT = 4  # poses that the node has to visit itself
 SENSOR = {"sensor__position": [0.0, 0.0, 0.06], "sensor__rpy_deg": [180.0, 0.0, 30.0]}
 QUICK = {
@@ -183,6 +185,17 @@ def test_an_axis_that_is_not_determined_names_no_stiffness_file(
     assert process.returncode == 1
     assert "no stiffness.yaml is written: an axis is not determined" in said
     assert f"left in {tmp_path}: membrane_map.previous.yaml, membrane_map.yaml, report.html, samples.jsonl" in said
+
+
+def test_the_command_asks_the_node_in_the_namespace_that_it_names(bench: Bench, tmp_path: Path) -> None:
+    (node,) = describe(ROOT / "launch/identify_launch.xml", {"robot": "real", "namespace": "left"}).nodes
+    assert (node.namespace, node.name) == ("/left", "sysid")
+    bench.add(lambda **given: SysidNode(namespace=node.namespace, **given), **SENSOR, **QUICK)
+    command = [sys.executable, "-m", "seed_bringup.commands.dispatch", "identify", "--live", "--namespace", "left"]
+    with subprocess.Popen([*command, "--out", str(tmp_path)], stderr=subprocess.PIPE, text=True) as process:
+        assert bench.until(lambda: process.poll() is not None, 60.0)
+        assert process.stderr is not None
+        assert "seed identify: cannot start: " in process.stderr.read()  # the node's words: it has no cell around it
 
 
 def test_cancelling_holds_and_keeps_what_was_measured(bench: Bench, tmp_path: Path) -> None:

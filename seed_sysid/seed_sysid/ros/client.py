@@ -29,12 +29,13 @@ START = "start it first: ./seed launch seed_sysid identify_launch.xml"
 class Client:
     """One goal; a context manager."""
 
-    def __init__(self) -> None:
+    def __init__(self, namespace: str) -> None:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)  # an interrupt is ours: it cancels
-        self._node = client_node("identify")
+        self._node = client_node("identify", namespace=namespace)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._action = ActionClient(self._node, IdentifyStiffness, ACTION)
+        self._name = f"{namespace}/{ACTION}".lstrip("/")
         self._shown = ("", -1)
 
     def __enter__(self) -> Client:
@@ -47,14 +48,14 @@ class Client:
 
     def run(self, output: Path, poses: str, zero_sensor: bool) -> Any:
         """The result of the goal; an interrupt cancels it. Raises LiveError when there is no node or no answer."""
-        self._until(self._action.server_is_ready, f"there is no action {ACTION}; {START}")
+        self._until(self._action.server_is_ready, f"there is no action {self._name}; {START}")
         goal = IdentifyStiffness.Goal(output=str(output.resolve()), poses=poses, zero_sensor=zero_sensor)
         sent = self._action.send_goal_async(goal, feedback_callback=lambda m: self._show(m.feedback))
-        self._until(sent.done, f"{ACTION} does not answer")
+        self._until(sent.done, f"{self._name} does not answer")
         handle = sent.result()
         future = handle.get_result_async()
         try:
-            self._until(future.done, f"the node of {ACTION} is gone; --out {output} goes on", patience=np.inf)
+            self._until(future.done, f"the node of {self._name} is gone; --out {output} goes on", patience=np.inf)
         except KeyboardInterrupt:
             handle.cancel_goal_async()
             self._until(future.done, "the cancellation was not answered: stop the arm by other means")
@@ -78,9 +79,13 @@ class Client:
         print(f"\r{text:<70}", end="" if sys.stderr.isatty() else "\n", file=sys.stderr, flush=True)
 
 
-def identify(output: Path, poses: str, zero_sensor: bool) -> dict[str, Any]:
-    """Run one identification on the live cell; its figures. Raises LiveError with the node's words when it fails."""
-    with Client() as client:
+def identify(output: Path, poses: str, zero_sensor: bool, namespace: str = "/") -> dict[str, Any]:
+    """Run one identification on the live cell in a namespace; its figures.
+
+    Raises:
+        LiveError: it fails; with the node's words.
+    """
+    with Client(namespace) as client:
         result = client.run(output, poses, zero_sensor)
     if not result.success:
         raise LiveError(result.message)
