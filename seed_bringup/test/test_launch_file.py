@@ -295,6 +295,14 @@ def test_an_arm_of_ones_own_has_the_guard_in_front_and_the_controller_listens_to
     assert {"base_frame": "panda_link0"} in guard.parameters
 
 
+def test_an_arm_of_ones_own_has_its_images_by_the_names_that_every_launch_file_takes() -> None:
+    """A D405's colour, as it was, is neither rectified nor on depth's pixels."""
+    names = ("own_arm", "cell", "perception")
+    launched = [{a.name: a for a in declared_arguments(ROOT / f"seed_bringup/launch/{n}_launch.xml")} for n in names]
+    for argument in ("brightness", "left_bubble", "right_bubble"):
+        assert len({given[argument].default for given in launched}) == 1, argument
+
+
 @pytest.mark.parametrize("argument", ["links", "use_sim_time"])
 @pytest.mark.parametrize("file", ["cell", "demo", "perception"])
 def test_what_is_neither_true_nor_false_is_refused_before_anything_starts(file: str, argument: str) -> None:
