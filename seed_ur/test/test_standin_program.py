@@ -101,6 +101,19 @@ def test_jogging_goes_along_the_axes_it_is_asked_for_and_ends_soon(feature: floa
     assert np.linalg.norm(rig.robot.arm.tcp_pose()[:3] - before) < 0.003
 
 
+@pytest.mark.parametrize("feature", [0.0, 1.0])
+def test_jogging_along_base_or_tcp_needs_no_frame_whatever_is_in_its_registers(feature: float) -> None:
+    """Another client's, or those of an older command."""
+    rig = Rig()
+    rig.command(41, 0.05, 0.0, 0.0, 0.0, 0.0, 0.0, feature, 0.5, *(np.nan,) * 6)
+    assert rig.run(0.5) == pytest.approx(0.05, abs=2e-3)
+    rig.command(0)
+    rig.run(DT)
+    rig.command(41, 0.05, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0, 0.5)
+    rig.run(0.5)
+    assert "must be finite" in rig.robot.faults.messages[-1]
+
+
 @pytest.mark.parametrize("number", [1, 3, 4, 9, 10, 11, 24, 29, 41])
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
 def test_a_command_that_no_arm_can_carry_out_ends_the_program_and_moves_nothing(number: int, value: float) -> None:

@@ -200,8 +200,8 @@ class Commands:
     def jog(self) -> None:
         """jogStart: d0-d5 speed, d6 in axes of base (0), TCP (1) or a frame (2), d7 acceleration, d8-d13 that frame."""
         arm, (feature, acceleration) = self.robot.arm, self.doubles(6, 2)
-        frames = {1.0: arm.tcp_pose(), 2.0: self.doubles(8, 6)}
-        R = matrix_from_pose(frames.get(feature, (0.0,) * 6))[:3, :3]
+        frame = arm.tcp_pose() if feature == 1.0 else self.doubles(8, 6) if feature == 2.0 else (0.0,) * 6
+        R = matrix_from_pose(frame)[:3, :3]
         speed = [*(R @ self.doubles(0, 3)).tolist(), *(R @ self.doubles(3, 3)).tolist()]
         self._take(Speed(speed, acceleration, 0.0, True))
 
