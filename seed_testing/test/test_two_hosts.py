@@ -82,7 +82,7 @@ def test_a_row_counts_for_the_method_that_it_was_made_with() -> None:
     assert of_method(rows, CASE["10 ms"], "rigid_fit") == {}  # nobody knows
 
 
-class _Asked(Exception):
+class _AskedError(Exception):
     """In place of a process that would be started."""
 
 
@@ -100,14 +100,14 @@ def test_its_processes_and_the_cameras_bench_have_their_profile_by_the_name_that
 
     def start(*_: object, env: dict[str, str], **__: object) -> None:
         given.append(env)
-        raise _Asked
+        raise _AskedError
 
     monkeypatch.setenv("ROS_DISTRO", distribution)
     monkeypatch.setattr(subprocess, "Popen", start)
     monkeypatch.setattr(TwoHosts, "inside", lambda *_: [])
-    with pytest.raises(_Asked):
+    with pytest.raises(_AskedError):
         command._host(TwoHosts(), 0, "camera_host", *ADDRESSES).__enter__()
-    with pytest.raises(_Asked):
+    with pytest.raises(_AskedError):
         camera_rate.run()
     names = [Path(environment[variable]) for environment in given]
     assert [name.name for name in names] == ["hosts.xml", "loopback_images.xml"]

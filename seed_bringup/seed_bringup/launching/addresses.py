@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Addresses of this computer's network interfaces, those at which the stand-in controller is, and where nodes listen."""
+"""Addresses of this computer: of its interfaces, of the stand-in controller, and those at which nodes listen."""
 
 import array
 import fcntl
