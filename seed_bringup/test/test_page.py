@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the operator page says of a cell, what its plots hold, and to whom its server speaks."""
 
+import ast
 import asyncio
+import re
 import socket
 import urllib.error
 import urllib.request
@@ -67,6 +69,45 @@ def test_every_remedy_is_of_words_that_a_reason_has(part: str) -> None:
     pytest.fail(f"no package gives a reason with '{part}'")
 
 
+PLAIN = {
+    "",
+    "starting",
+    "the driver is shutting down",
+    "held for a reason that was not told",
+}  # nothing helps but Enable
+
+
+def _reasons() -> list[str]:
+    """Texts of controller and arms that are held with, or kept as a reason, as they stand in the source."""
+    found = []
+    for package in (seed_core, seed_control, seed_driver):
+        for file in Path(package.__file__).parent.glob("**/*.py"):
+            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+                given: list[ast.expr] = []
+                if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "hold":
+                    given = node.args
+                elif isinstance(node, ast.Assign) and getattr(node.targets[0], "attr", "") in ("reason", "_loaded"):
+                    given = [node.value]
+                found += [_text(g) for g in given if isinstance(g, ast.Constant | ast.JoinedStr)]
+    return sorted({reason for reason in found if reason is not None})
+
+
+def _text(node: ast.expr) -> str | None:
+    """Of a literal; '~' for each value in it. None: it is no text, or one of values alone."""
+    if isinstance(node, ast.JoinedStr):
+        text = "".join(v.value if isinstance(v, ast.Constant) else "~" for v in node.values)
+        return text if re.search(r"[a-z]{3}", text) else None
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else None
+
+
+def test_what_controller_and_driver_hold_for_has_a_remedy() -> None:
+    reasons = _reasons()
+    assert len(reasons) > 15, "the texts are not found where they were"
+    lacking = [r for r in reasons if words.remedy(r) == words.OTHERWISE and r not in PLAIN]
+    lacking = [r for r in lacking if not r.startswith(("~: ", "~; "))]  # another reason, and what to do
+    assert not lacking
+
+
 def test_a_cell_that_has_gone_silent_is_told_whatever_it_said_last() -> None:
     found = words.headline(CellState(now=1.0, control=control("contact"), silent=7.0))
     assert (found.level, found.word) == ("bad", "Cell is silent")
@@ -85,6 +126,19 @@ def test_a_cell_that_has_gone_silent_is_told_whatever_it_said_last() -> None:
         ("no grasp: initialize_grasp has not been called since the last reference", "Take the tool"),
         ("no contact within max_free_travel = 30 mm along (0, 0, -1) of the base", "frame"),
         ("estimated force 45.0 N is beyond 40 N", "bound"),
+        ("the tool's pose has jumped by 3.0 mm and 1.0 degrees: the tool has slid", "membranes"),
+        ("the gripper does not follow: it grips with 4.0 N where 20.0 N were asked for", "gripper"),
+        ("the arm holds: robot is powered off", "driver/power_on"),
+        ("the arm holds: emergency stop (system)", "Release the button"),
+        ("the arm holds: safety fault", "driver/restart_safety"),
+        ("link lost: the controller's clock stands still", "cable"),
+        ("the controller's clock went back by 70.0 s; call resend_robot_program", "started anew"),
+        (
+            "the clock of the estimator's computer is 9.0 ms ahead of the controller's: synchronise the two",
+            "Synchronise",
+        ),
+        ("the clock of the cameras was set back; set it right, or compare the clocks", "identify --live"),
+        ("in free air the tool seems to press with 4.0 N: initialize the grasp free of load", "nothing presses"),
         ("something that nobody has thought of", "Clear the cause"),
     ],
 )
