@@ -238,6 +238,14 @@ def test_every_launch_file_of_the_suite_resolves(file: Path) -> None:
     assert describe(file, needed).nodes
 
 
+def test_a_driver_without_a_robot_is_refused_before_it_starts() -> None:
+    """It would stay unconfigured, and look as if it ran."""
+    file = ROOT / "seed_driver/launch/driver_launch.xml"
+    with pytest.raises(LaunchError, match="'robot_ip' has no default; give robot_ip:=VALUE"):
+        describe(file, {})
+    assert {"robot_ip": "127.0.0.2"} in describe(file, {"robot_ip": "127.0.0.2"}).nodes[0].parameters
+
+
 def test_the_demo_runs_the_same_file_with_the_real_driver_in_the_loop() -> None:
     pytest.importorskip("ament_index_python", reason="the workspace is not built (./seed test does it)")
     from seed_bringup.demo.plan import robot_arguments
