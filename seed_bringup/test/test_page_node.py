@@ -472,9 +472,28 @@ def test_ctrl_c_ends_the_page_of_a_cell_with_130_as_every_command() -> None:
     page = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert page.stdout is not None
     assert "http://" in page.stdout.readline()
-    time.sleep(1.5)  # in its first moments the middleware may crash when it is ended
     page.send_signal(signal.SIGINT)
     assert (page.communicate(timeout=20.0)[1], page.returncode) == ("seed view: interrupted\n", 130)
+
+
+INTERRUPTED = """
+import os, signal, sys
+from seed_bringup.commands.view import main
+from seed_bringup.page.ros import node
+
+def interrupt(*_):
+    os.kill(os.getpid(), signal.SIGINT)
+
+node.PageServer = interrupt  # the node has its hands by now, and nobody has the node
+sys.exit(main(["--port", "0"]))
+"""
+
+
+def test_a_page_that_is_interrupted_while_it_is_made_ends_as_well() -> None:
+    """Its hands were in the middleware as Python ended: most of these aborted."""
+    for _ in range(4):
+        page = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=60.0)
+        assert (page.stdout, page.stderr, page.returncode) == ("", "seed view: interrupted\n", 130)
 
 
 def test_a_message_that_is_nonsense_is_left_out_and_the_others_are_shown() -> None:

@@ -11,6 +11,7 @@ import inspect
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -20,7 +21,7 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import NotInitializedException, ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -241,7 +242,14 @@ def run(create: Callable[[], SeedNode], argv: list[str] | None = None) -> int:
         if rclpy.ok():
             sys.__unraisablehook__(what)
 
-    sys.unraisablehook = complain  # what rclpy was making when its context ended is half made, and its __del__ fails
+    warn = warnings.showwarning
+
+    def advise(*what: Any, **where: Any) -> None:
+        if rclpy.ok():
+            warn(*what, **where)
+
+    # What rclpy was making when its context ended is half made: its __del__ fails, and its end is warned of.
+    sys.unraisablehook, warnings.showwarning = complain, advise
     signal.signal(signal.SIGINT, interrupt)  # rclpy ends the context before; the loop looks for that, so need not break
     try:
         rclpy.init(args=argv)
@@ -257,7 +265,9 @@ def run(create: Callable[[], SeedNode], argv: list[str] | None = None) -> int:
         node.loop.run()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except RuntimeError as error:  # an interrupt in the middle of taking or publishing a message; RCLError is one
+    except (RuntimeError, ValueError, NotInitializedException) as error:
+        # an interrupt in the middle of taking or publishing a message (RCLError is a RuntimeError), or of making an
+        # action (ValueError) or a second node
         if why := no_security(error):
             print(f"error: {why}", file=sys.stderr)
             return 1

@@ -210,6 +210,38 @@ def test_a_node_whose_context_rclpy_ends_in_the_same_moment_ends_without_a_trace
     assert (process.returncode, errors) == (0, "")
 
 
+HALF_MADE = """
+import sys
+import rclpy
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from seed_msgs.action import FollowSetpoints
+from seed_ros.node import run
+
+def create():
+    node = Node("half_made")
+    {ends}
+    {makes}
+
+sys.exit(run(create))
+"""
+
+
+@pytest.mark.parametrize("makes", ["ActionClient(node, FollowSetpoints, 'action')", "Node('second')"])
+def test_a_node_whose_context_is_ended_while_it_is_made_ends_without_a_trace(makes: str) -> None:
+    """As rclpy's thread does after Ctrl-C, before Python hears of it."""
+    program = HALF_MADE.format(ends="rclpy.shutdown()", makes=makes)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=30.0)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_mistake_while_a_node_is_made_is_told_with_its_trace() -> None:
+    program = HALF_MADE.format(ends="", makes="int('no number')")
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=30.0)
+    assert done.returncode == 1
+    assert "ValueError: invalid literal" in done.stderr
+
+
 def test_a_parameter_file_that_cannot_be_read_is_named_without_a_trace(tmp_path: Path) -> None:
     file = tmp_path / "parameters.yaml"
     file.write_text("/**:\n  ros__parameters:\n    max_speed: [1\n")

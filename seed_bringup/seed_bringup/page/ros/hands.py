@@ -7,6 +7,8 @@ is told so; Stop is always served. One that was pressed during an Enable is sent
 ended: the arm, or the controller, may have done the older request after the newer.
 """
 
+import atexit
+import contextlib
 import threading
 import time
 from collections import deque
@@ -90,15 +92,22 @@ class CellHands:
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._spin, name="hands", daemon=True)
+        atexit.register(self._end)  # whoever is interrupted before he has these hands cannot close them
         self._thread.start()
 
     def close(self) -> None:
         """End the thread and the node. A task that is played ends with it, for nobody sees to it."""
-        self._closing = True
-        self._executor.shutdown(timeout_sec=1.0)
-        self._thread.join(timeout=2.0)
+        self._end()
+        atexit.unregister(self._end)
         self._action.destroy()
         self.node.destroy_node()
+
+    def _end(self) -> None:
+        """End the thread: were it in the middleware as Python ends, that would abort the process."""
+        self._closing = True
+        self._executor.shutdown(timeout_sec=1.0)
+        with contextlib.suppress(RuntimeError):  # it was never started
+            self._thread.join(timeout=2.0)
 
     def _spin(self) -> None:
         while not self._closing and self._executor.context.ok():
