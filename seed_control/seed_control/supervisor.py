@@ -95,8 +95,6 @@ class Supervisor:
 
     def follow_displacement(self, setpoint: RelativePoseSetpoint | None) -> None:
         """A displacement of the grasp is followed from now on, or none."""
-        if setpoint is None:
-            self.guard.displacement_travel.restart()
         self.displacement = setpoint
 
     @property
@@ -169,9 +167,13 @@ class Supervisor:
         if guard.following:
             self._held_at = command.p_WC  # a hold may come between two steps, and with the next image
             guard.hold(self._inputs.staleness(t))
-            guard.check_motion(command.p_WC, self._law.plan, command.behind(self._inputs.history.newest()), dt)
-            if self.displacement is not None:
-                guard.hold(guard.displacement_travel.step(command.p_WC, command.q_WE))
+            behind, on = command.behind(self._inputs.history.newest()), self.displacement is not None
+            guard.check_motion(command.p_WC, self._law.plan, behind, dt, own=not on)
+            if on:
+                guard.hold(guard.displacement_travel.step(command.p_WC, command.q_WE, dt))
+            else:
+                own = not self._law.plan.wanted.any()
+                guard.displacement_travel.leave(command.p_WC, command.q_WE, dt, own)
 
     def retreat(self, p_WC: Vector3) -> Vector3 | None:
         """Where C is to go [m] while it holds, to give way; None: it comes to rest from p_WC, where the command is."""

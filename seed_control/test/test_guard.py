@@ -2,6 +2,7 @@
 """What stops the motion: too long a way without the wanted force, and an arm that does not follow."""
 
 import itertools
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from seed_control.command.free_travel import FreeTravel
 from seed_control.command.limiter import VectorLimiter
 from seed_control.law.contact import ForceShare
 from seed_control.monitor.pose_checks import FrozenPoseCheck
-from seed_control.setpoint.setpoints import HybridSetpoint
+from seed_control.setpoint.setpoints import HybridSetpoint, RelativePoseSetpoint
 from seed_control.wrench.history import PoseHistory
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Wrench, make_pose, rotation_from_rpy
@@ -314,3 +315,105 @@ def test_frozen_poses_are_noticed_though_the_arms_history_began_after_the_first(
     assert [frozen.check(b, a, history) for a, b in itertools.pairwise(told)] == [""] * 4
     history.add(0.25, make_pose(np.eye(3), (0.0, 0.0, 5e-3)))
     assert "estimate is frozen" in frozen.check(RelativePoseEstimate(0.25, np.eye(4)), told[-1], history)
+
+
+def here(bench: Bench) -> np.ndarray:
+    """Where the tip is measured."""
+    assert bench.state.X_W_tip is not None
+    return make_pose(DOWN[:3, :3], bench.state.X_W_tip[:3, 3])
+
+
+def press_from(bench: Bench, force: tuple[float, float, float], directions: np.ndarray) -> None:
+    bench.controller.set_setpoint(
+        HybridSetpoint(here(bench), Wrench(np.zeros(3), np.array(force)), directions), bench.t
+    )
+
+
+def down(bench: Bench) -> None:
+    press_from(bench, (0.0, 0.0, -5.0), np.diag([0.0, 0.0, 1.0]))
+
+
+def aside(bench: Bench) -> None:
+    press_from(bench, (5.0, 0.0, 0.0), np.diag([1.0, 0.0, 0.0]))
+
+
+def no_force(bench: Bench) -> None:
+    press_from(bench, (0.0, 0.0, 0.0), np.diag([0.0, 0.0, 1.0]))
+
+
+def stay(bench: Bench) -> None:
+    bench.controller.set_setpoint(HybridSetpoint(here(bench)), bench.t)
+
+
+def displace(bench: Bench) -> None:
+    bench.controller.set_setpoint(RelativePoseSetpoint(make_pose(p=(0.0, 0.0, 0.01))), bench.t)
+
+
+def turn(bench: Bench) -> None:
+    bench.controller.set_setpoint(RelativePoseSetpoint(make_pose(rotation_from_rpy((0.0, 0.0, 0.1)))), bench.t)
+
+
+@pytest.mark.parametrize(
+    ("search", "other", "bound"),
+    [
+        (down, stay, BOUND),
+        (down, no_force, BOUND),
+        (down, aside, 2.0**0.5 * BOUND),
+        (down, displace, 2.0 * BOUND),
+        (displace, stay, BOUND),
+        (turn, stay, BOUND),
+    ],
+)
+@pytest.mark.parametrize(("searching", "otherwise"), [(0.4, 0.06), (0.024, 0.008)])
+def test_a_client_that_alternates_goes_no_further_through_free_air(
+    search: Callable[[Bench], None],
+    other: Callable[[Bench], None],
+    bound: float,
+    searching: float,
+    otherwise: float,
+) -> None:
+    bench = Bench(table=-1.0, start=make_pose(p=(0.0, 0.0, 0.3)) @ DOWN).enabled()
+    start, R = bench.commands[-1][:3, 3], bench.commands[-1][:3, :3]
+    while bench.t < 60.0 and bench.state.mode != "holding":
+        search(bench)
+        if bench.run(searching).mode != "holding":
+            other(bench)
+            bench.run(otherwise)
+    bench.run(0.5)
+    assert bench.state.mode == "holding"
+    assert "max_free_travel" in bench.state.reason
+    assert np.linalg.norm(bench.commands[-1][:3, 3] - start) < bound + 0.004
+    assert np.rad2deg(np.arccos(0.5 * (np.trace(R.T @ bench.commands[-1][:3, :3]) - 1.0))) < 23.0
+
+
+def test_a_place_that_was_asked_for_may_be_pressed_from_again() -> None:
+    """Back up to where it began, or as far aside as the bound: the way is counted anew."""
+    for aside_by, up in ((0.0, 0.045), (0.08, 0.0)):
+        bench = Bench(table=-1.0, start=make_pose(p=(0.0, 0.0, 0.3)) @ DOWN).enabled()
+        for _ in range(4):
+            down(bench)
+            while bench.commands[-1][2, 3] > bench.state.X_W_tip[2, 3] and bench.run(0.1).mode != "holding":
+                if bench.controller.supervisor.guard.free_travel._ways[0].gone() < -0.045:
+                    break
+            assert bench.state.mode == "approach"
+            bench.controller.set_setpoint(HybridSetpoint(make_pose(p=(aside_by, 0.0, up)) @ here(bench)), bench.t)
+            assert bench.run(2.0).mode == "position"
+
+
+def test_contact_begins_the_way_anew_though_something_else_was_followed_before() -> None:
+    bench = Bench(table=-0.03).enabled()
+    for _ in range(4):
+        down(bench)
+        assert bench.run(4.0).mode == "contact"
+        bench.controller.set_setpoint(HybridSetpoint(make_pose(p=(0.0, 0.0, 0.02)) @ here(bench)), bench.t)
+        assert bench.run(2.0).mode == "position"
+
+
+def test_noise_is_no_force_however_little_is_wanted() -> None:
+    bench = Bench(noise=3e-4, table=-1.0).enabled()
+    bench.press(0.05)
+    start = bench.commands[-1][2, 3]
+    bench.run(8.0)
+    way = bench.controller.supervisor.guard.free_travel._ways[0]
+    assert_allclose(way.gone(), bench.commands[-1][2, 3] - start, atol=1e-4)
+    assert "has not been reached for 8 s" in bench.state.reason

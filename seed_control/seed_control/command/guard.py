@@ -106,11 +106,12 @@ class Guard:
                 f"{most:g} N: something is in its way; move it off, or control the force there"
             )
 
-    def check_motion(self, p_WC: Vector3, plan: Plan, behind: Behind, dt: float) -> None:
+    def check_motion(self, p_WC: Vector3, plan: Plan, behind: Behind, dt: float, own: bool = True) -> None:
         """Per step of dt [s]: hold when an approach goes too far, or the arm does not follow.
 
         Args:
             p_WC: commanded position [m]; behind: where the arm is.
+            own: where no force is wanted it goes to a place that was asked for, not to a displacement of the grasp.
         """
-        self.hold(self.free_travel.step(p_WC, plan.normals, dt))
+        self.hold(self.free_travel.step(p_WC, plan.normals[plan.wanted != 0.0], dt, own))
         self.hold(self._arm.update(behind, dt))

@@ -99,16 +99,18 @@ class ForceShare(NamedTuple):
     """How much of the wanted force there is along one force direction.
 
     Attributes:
-        share: of the wanted force; 1 where none is wanted.
-        reached: as `reached` has it; also where none is wanted.
+        share: of the wanted force.
+        reached: as `reached` has it.
         needed: deflection [m] that the wanted force needs.
         across: force across the direction, as a share of the wanted one.
+        touches: whether the tool touches along it.
     """
 
     share: float
     reached: bool
     needed: float
     across: float
+    touches: bool = True
 
 
 def reached(force: float, wanted: float) -> bool:

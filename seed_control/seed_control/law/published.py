@@ -155,15 +155,17 @@ class PublishedLaw:
         return self.contact.update(self.plan.normals @ m.on_environment.force, self.plan.wanted, deviation, known)
 
     def shares(self) -> list[ForceShare]:
-        """How much of the wanted force there is, by force direction."""
+        """How much of the wanted force there is, by the force directions along which there is one."""
         force, wanted = self.tool.on_environment.force, self.plan.wanted.tolist()
         along = self.plan.normals @ force
         squares = (float(force @ force) - along**2).tolist()  # [N^2] across each
+        of_each = enumerate(zip(along.tolist(), wanted, self._compliances(), squares, strict=True))
         return [
-            ForceShare(f / w, reached(f, w), abs(w) * compliance, max(square, 0.0) ** 0.5 / abs(w))
+            ForceShare(
+                f / w, reached(f, w), abs(w) * compliance, max(square, 0.0) ** 0.5 / abs(w), touches=self.touches(i)
+            )
+            for i, (f, w, compliance, square) in of_each
             if w
-            else ForceShare(1.0, True, 0.0, 0.0)
-            for f, w, compliance, square in zip(along.tolist(), wanted, self._compliances(), squares, strict=True)
         ]
 
     def _compliances(self) -> list[float]:
