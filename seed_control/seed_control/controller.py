@@ -259,6 +259,9 @@ class Controller:
         streamed = isinstance(setpoint, WrenchSetpoint) and isinstance(self._setpoint, WrenchSetpoint)
         hybrid = checks.as_hybrid(setpoint, m, law.setpoint if streamed else None)
         if hybrid.differs_in_place_only(law.setpoint):
+            assert law.setpoint is not None
+            if not np.array_equal(hybrid.R_W_task, law.setpoint.R_W_task):  # the force turns with it
+                checks.check_load(hybrid, estimate, m.X_WC[:3, :3])
             checks.check_place(hybrid.X_W_tip)
             law.move(hybrid)
             return
@@ -283,6 +286,7 @@ class Controller:
             self._command.start_from(self._inputs.history.newest())
         self._take_image(t)
         self.wrench_estimator.advance(t)
+        self.supervisor.check_clocks(self.checks.clock_problem)
         self.supervisor.check_motion(t, self._step)
         limits = self._move(t, dt)
         self._step = dt

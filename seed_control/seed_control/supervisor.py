@@ -6,6 +6,8 @@ The checks themselves are in monitor/ (what speaks against the estimate) and com
 
 from dataclasses import replace
 
+import numpy as np
+
 from seed_control.command.flange_command import FlangeCommand
 from seed_control.command.guard import Guard
 from seed_control.command.relief import Relief
@@ -25,7 +27,7 @@ from seed_control.wrench.uncertainty import WrenchUncertainty
 from seed_core.config import checked
 from seed_core.estimate import EMPTY, NEW_GRASP, RelativePoseEstimate
 from seed_core.hand import Hand, Tool
-from seed_core.spatial import Array
+from seed_core.spatial import Array, length
 from seed_core.vector3 import ZERO, Vector3, as_vector3
 from seed_core.wrench_settings import ReferenceSettings
 
@@ -151,7 +153,7 @@ class Supervisor:
             self.references.update(m, self.uncertainty.by_pose, law.contact.anywhere, t)
             guard.hold(self.references.why_hold)
             if guard.following:
-                guard.hold(self.uncertainty.too_large(law.plan.normals, law.parameters.max_excess_force))
+                guard.hold(self.uncertainty.too_large(self._pressed(m), law.parameters.max_excess_force))
         self.watch.update(m, law, self._inputs.history)
         guard.hold(self.watch.reason)
         self.grasp_check.doubt(self.watch.stepped)
@@ -160,6 +162,11 @@ class Supervisor:
             self._hold_in_doubt(self.grasp_check.reason)
         if self.displacement is not None:
             guard.displacement_travel.image(self.displacement.X_TC, m.X_TC, self._wrench_estimator.bushing.stiffness)
+
+    def check_clocks(self, problem: str) -> None:
+        """Per step: hold what loads the grasp, where the images' dates have come to be in doubt meanwhile."""
+        if self._loads and problem:
+            self._hold_in_doubt(f"force and torque wait for the clocks: {problem}")
 
     def check_motion(self, t: float, dt: float) -> None:
         """Per step at t [s], before it moves: inputs that went stale, and the motion of the last step, of dt [s]."""
@@ -181,6 +188,14 @@ class Supervisor:
             return self._relief.target(self._held_at)
         self._held_at = p_WC
         return None
+
+    def _pressed(self, m: Measurement) -> Array:
+        """Directions (m, 3) in W along which what is followed loads the grasp."""
+        if self.displacement is None:
+            return self._law.plan.normals
+        p = self.displacement.X_TC[:3, 3]
+        size = length(p)
+        return (m.X_WT[:3, :3] @ p / size)[None] if size > 0.0 else np.zeros((0, 3))
 
     def _hold_in_doubt(self, reason: str) -> None:
         """Hold for a reason ('' for none) that speaks against the poses."""

@@ -14,7 +14,15 @@ from seed_control.setpoint.setpoints import HybridSetpoint, RelativePoseSetpoint
 from seed_core.bushing import Stiffness
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Frame, Tool
-from seed_core.spatial import Wrench, make_pose, pose_from_rpy, rotation_error, so3_exp, so3_log
+from seed_core.spatial import (
+    Wrench,
+    make_pose,
+    pose_from_rpy,
+    rotation_error,
+    rotation_from_rpy,
+    so3_exp,
+    so3_log,
+)
 from seed_testing.bench.control import growth
 
 TIGHT = 0.02  # [N]: what the servo's lag and the filter leave after three seconds
@@ -407,6 +415,49 @@ def test_a_displacement_asks_for_no_more_than_a_set_point_with_force_may() -> No
     late = Bench().enabled()
     late.controller.checks.clock_problem = "0 comparisons"
     refused(late, "SP18", RelativePoseSetpoint(make_pose(p=(0.0, 0.0, 0.004))))
+
+
+def test_a_displacement_that_is_not_known_well_holds() -> None:
+    bench = Bench().enabled()
+    bench.controller.set_setpoint(RelativePoseSetpoint(make_pose(p=(0.0, 0.0, 0.008))), bench.t)
+    assert bench.run(1.0).mode == "position"
+    bench.told = lambda estimate: replace(estimate, covariance=np.diag([1e-4] * 3 + [1e-4] * 3))  # 10 mm
+    state = bench.run(0.3)
+    assert state.mode == "holding"
+    assert "the force is known to" in state.reason
+
+
+@pytest.mark.parametrize("displaces", [True, False])
+def test_clocks_that_come_to_be_in_doubt_end_what_loads_the_grasp_alone(displaces: bool) -> None:
+    bench = Bench().enabled()
+    bench.controller.set_setpoint(HybridSetpoint(DOWN), bench.t)
+    bench.run(1.0)
+    bench.controller.checks.clock_problem = "the estimator takes 80 ms off the images' stamps"
+    assert bench.run(0.1).mode == "position"
+    bench.controller.checks.clock_problem = ""
+    if displaces:
+        bench.controller.set_setpoint(RelativePoseSetpoint(make_pose(p=(0.0, 0.0, 0.008))), bench.t)
+    else:
+        bench.press(5.0)
+    bench.run(2.0)
+    bench.controller.checks.clock_problem = "the estimator takes 80 ms off the images' stamps"
+    state = bench.run(0.1)
+    assert state.mode == "holding"
+    assert "wait for the clocks: the estimator takes 80 ms" in state.reason
+
+
+def test_a_set_point_whose_axes_turn_is_judged_anew() -> None:
+    """Along C's y nothing is observed: a force that turns there must be refused, though its place alone is said."""
+    bench = Bench()
+    bench.observed = (True, False, True, True, True, True)
+    bench.enabled()
+    press = HybridSetpoint(
+        DOWN, Wrench(np.zeros(3), np.array((0.0, 0.0, -5.0))), np.diag([0.0, 0.0, 1.0]), task_frame="surface"
+    )
+    bench.controller.set_setpoint(press, bench.t)
+    bench.controller.set_setpoint(press.moved(DOWN, np.zeros(3), rotation_from_rpy((0.1, 0.0, 0.0))), bench.t)
+    with pytest.raises(SetpointError, match="SP15"):
+        bench.controller.set_setpoint(press.moved(DOWN, np.zeros(3), rotation_from_rpy((0.5, 0.0, 0.0))), bench.t)
 
 
 def test_a_pose_that_jumps_while_a_displacement_presses_holds() -> None:

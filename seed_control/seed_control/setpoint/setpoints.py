@@ -130,7 +130,10 @@ class HybridSetpoint:
         return out
 
     def differs_in_place_only(self, other: HybridSetpoint | None) -> bool:
-        """Whether the other asks for the same load and rotation, so that neither need be judged again."""
+        """Whether the other asks for the same load and rotation, so that neither need be judged again.
+
+        One that was moved from the other may have other axes R_W_task.
+        """
         if other is None or not np.array_equal(self.X_W_tip[:3, :3], other.X_W_tip[:3, :3]):
             return False
         if self.wrench is other.wrench:  # each set-point has a copy of its own: one was moved from the other
