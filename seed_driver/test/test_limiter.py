@@ -243,3 +243,15 @@ def test_changed_limits_count_once_a_target_is_reached() -> None:
     assert run.limiter.limits.max_acceleration == LIMITS.max_acceleration
     run.steps(600)
     assert run.limiter.limits.max_acceleration == 0.5
+
+
+def test_limits_that_are_changed_in_motion_make_no_jump_of_a_command_that_is_not_smoothed() -> None:
+    """2 a / dt is 1000 m/s^3: with 2000 the smoothing is one pose long, and has no past."""
+    run = Run(replace(LIMITS, max_acceleration=1.0, max_jerk=2000.0))
+    run.target((0.6, -0.1, 0.3))
+    run.steps(100)
+    assert run.limiter.moving
+    run.limiter.set_limits(replace(LIMITS, max_acceleration=1.0, max_jerk=100.0))
+    run.steps(300, hold=True)
+    run.check()
+    assert run.limiter.limits.max_jerk == 100.0

@@ -102,8 +102,12 @@ class CommandLimiter:
 
     @property
     def _resting(self) -> bool:
-        """Whether the command and its past move so little that another smoothing does not show."""
-        return sum(abs(x) for step in self._steps for part in step for x in part) < AT_REST
+        """Whether the command and its past move so little that another smoothing does not show.
+
+        Of a command that is not smoothed there is no past.
+        """
+        now = self.dt * sum(map(abs, (*self.velocity, *self.angular_velocity)))
+        return now + sum(abs(x) for step in self._steps for part in step for x in part) < AT_REST
 
     def propose(self, hurry: float = 1.0) -> None:
         """Choose the velocity of this step: towards the reference, or to rest.
@@ -162,6 +166,7 @@ class CommandLimiter:
         self._move_sides()
         if not self._steps and p == old and not any(self.angular_velocity):
             self.p, self.q = p, q  # at rest, and nothing of the past left
+            self.limits = self._wanted
             return
         length = max(1, ceil(2.0 * limits.max_acceleration / (limits.max_jerk * self.dt)))
         self._steps.appendleft((minus(p, old), scaled(self.angular_velocity, self.dt)))
