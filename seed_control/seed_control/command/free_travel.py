@@ -149,9 +149,9 @@ class FreeTravel:
         ):
             self._leave()
             for n in map(as_vector3, normals):
-                gone = dot(n, self._left.gone)
-                self._ways.append(_Way(p_WC, n, gone))
-                self._left.leave(plus_scaled(self._left.gone, -gone, n))
+                before = dot(n, self._left.gone)
+                self._ways.append(_Way(p_WC, n, before))
+                self._left.leave(plus_scaled(self._left.gone, -before, n))
         now = self._recent[-1][0] + dt if self._recent else 0.0
         self._recent.append((now, p_WC))
         while now - self._recent[0][0] > _SEEN:
