@@ -32,6 +32,7 @@ from seed_estimation.parameters import EstimatorParameters
 
 Indices = NDArray[np.intp]
 CELL = 16  # [px] side of the pieces of a patch whose errors count as independent: two markers and more
+TELLS = 0.3  # [1] of what seems to lie on the tool: where less touches by its curvature, that tells nothing
 SURFACE_BLUR = 2.5  # [px] over which the depth image is smoothed
 
 
@@ -130,6 +131,9 @@ def finger_model(finder: PatchFinder, depth: Image, ir: Image, mask: Mask, p: Es
     known = np.isfinite(normals).all(axis=2) & np.isfinite(points).all(axis=2)
     on_tool = lies_on_tool(membrane.rest.reshape(-1, 3), points[..., 2].ravel(), normals.reshape(-1, 3).T, p.decay)
     good = _eroded(core, p.erosion) & known & on_tool.reshape(core.shape)
+    touches = touching(membrane, depth, mask)
+    if np.count_nonzero(good & touches) >= TELLS * np.count_nonzero(good):
+        good &= touches  # where pressure stays the same, an imprint falls more slowly than `decay`: a skirt passes for tool
     if np.count_nonzero(good) < p.least_area // 3:
         raise EstimatorError(f"{membrane.finger} bubble: the patch is too small to follow; close the gripper further")
     blurred, picture = coarse(ir), normalised(ir)
@@ -137,7 +141,7 @@ def finger_model(finder: PatchFinder, depth: Image, ir: Image, mask: Mask, p: Es
         _image_points(blurred, good, points, normals, membrane, p.image_points // 2),
         _image_points(picture, good, points, normals, membrane, p.image_points),
     )
-    patch, band = _materials(membrane, depth, picture, good, mask, p)
+    patch, band = _materials(membrane, depth, picture, good, touches, p)
     v, u, cells = _sorted_by_cell(*_evenly(good, p.depth_points))
     P, n = _in_hand(points[v, u], normals[v, u], membrane.X_CX)
     rows = _rows(P)
@@ -170,12 +174,12 @@ def _surface(camera: PinholeCamera, depth: Image, valid: Bools) -> tuple[Array32
 
 
 def _materials(
-    membrane: Membrane, depth: Image, picture: Image, good: Bools, mask: Mask, p: EstimatorParameters
+    membrane: Membrane, depth: Image, picture: Image, good: Bools, touches: Bools, p: EstimatorParameters
 ) -> tuple[Material, Material | None]:
     """All the membrane that touches (`good` where that is not to be told), and the band around it where it is seen."""
     points, normals = _surface(membrane.camera, depth, np.isfinite(depth) & (membrane.area > 0))
     known = np.isfinite(normals).all(axis=2) & np.isfinite(points).all(axis=2)
-    touches = touching(membrane, depth, mask) & known
+    touches = touches & known
     if np.count_nonzero(touches) < p.least_area // 3:
         touches = good
 
