@@ -43,6 +43,9 @@ FITS = 1.6  # times the usual depth residual, up to which depth fits as well as 
 USUAL = 0.05  # weight of a frame in what is usual
 PREDICTED = 0.1  # [s] longest time over which the velocity is taken to stay
 STOPS = 0.5  # [s] after the last pose, for which the material of a lost track may still come to a stop
+# [1] of the time between frames by which fingers may be apart and still go by the speed of one frame: from a half on,
+# an error of one frame puts a finger as far off to the other side in the next one, and grows
+CALM = 0.4
 FOLLOWED = 0.2  # [s] between frames, up to which they tell a velocity and a micro-slip
 
 
@@ -77,6 +80,7 @@ class Tracker:
         self._patches = Followed([MaterialTracker(m, m.patch) for m in models])
         self._bands = Followed([MaterialTracker(m, m.around) for m in models if m.around is not None])
         self._rate = np.zeros(6)  # [rotation vector, translation] per second, in C
+        self._even_rate = np.zeros(6)  # averaged over some frames, as many as fingers are apart in time
         self._stamp = min(i.stamp for i in images.values())
         self._detector = GrossSlip(models)
         self._found = 0  # frames in a row since it was found again
@@ -98,7 +102,7 @@ class Tracker:
         start, dt = self._predicted(stamp), stamp - self._stamp
         behind = self.timing.behind({f: i.stamp for f, i in images.items()}, stamp)
         on_course = not self.lost and 0.0 < dt <= FOLLOWED and any(behind.values())
-        self._course = Course(self._rate, behind) if on_course else None
+        self._course = Course(self._even_rate, behind) if on_course else None
         crops = self._crops(images, start)
         quality = partial(self._quality, touching)
         best = self._fit(crops, start, (COARSE_STEPS if self.lost else 0, p.iterations))
@@ -223,6 +227,9 @@ class Tracker:
         followed = not self.lost and 0.0 < dt <= FOLLOWED
         turn, way = rotation_error(found.X_CT[:3, :3], self.X_CT[:3, :3]), found.X_CT[:3, 3] - self.X_CT[:3, 3]
         self._rate = np.concatenate([turn, way]) / dt if followed else np.zeros(6)
+        apart = max(map(abs, self._course.behind.values()), default=0.0) if self._course is not None else 0.0
+        weight = CALM * dt / apart if followed and apart > CALM * dt else 1.0
+        self._even_rate = self._even_rate + weight * (self._rate - self._even_rate)
         if followed:
             self.timing.learn(found, self.X_CT, dt, self._course)
         else:

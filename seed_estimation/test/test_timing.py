@@ -110,3 +110,12 @@ def test_the_lag_of_the_motion_before_is_no_more_where_the_tool_is_found_again_a
     timing.resume(at(0.002), at(0.001).X_CT, 0.02)  # type: ignore[arg-type]
     assert timing.corrected(np.eye(4))[0, 3] > 5e-4
     assert timing.covariance[3, 3] > 0.0
+
+
+def test_fingers_almost_a_frame_apart_do_not_push_each_other_off() -> None:
+    """At the speed of one frame an error of one finger came back larger in the next frame, on the other side."""
+    estimator, error, valid = followed(-0.021, stamped=True, learnt=True)
+    assert valid
+    assert estimator.timing is not None
+    assert not estimator.timing.words()
+    assert error < 2e-4
