@@ -133,9 +133,7 @@ def finger_model(finder: PatchFinder, depth: Image, ir: Image, mask: Mask, p: Es
     good = _eroded(core, p.erosion) & known & on_tool.reshape(core.shape)
     touches = touching(membrane, depth, mask)
     if np.count_nonzero(good & touches) >= TELLS * np.count_nonzero(good):
-        good &= (
-            touches  # where pressure stays the same, an imprint falls more slowly than `decay`: a skirt passes for tool
-        )
+        good &= touches  # an imprint that falls more slowly than `decay`, at even pressure: a skirt passes for tool
     if np.count_nonzero(good) < p.least_area // 3:
         raise EstimatorError(f"{membrane.finger} bubble: the patch is too small to follow; close the gripper further")
     blurred, picture = coarse(ir), normalised(ir)
