@@ -15,7 +15,7 @@ from seed_core.errors import SeedError
 from seed_estimation.images.camera import PinholeCamera
 from seed_estimation.realsense import RealSenseError, library
 from seed_estimation.realsense.camera import Camera, Pictures
-from seed_estimation.realsense.cameras import Cameras
+from seed_estimation.realsense.cameras import Cameras, opened
 from seed_estimation.realsense.dating import Dating
 from seed_estimation.realsense.selection import Found, assign, doubts
 from seed_estimation.realsense.settings import RealSenseSettings
@@ -165,6 +165,18 @@ def test_a_camera_that_is_unplugged_while_it_is_listed_is_as_if_not_there_and_th
     with pytest.raises(RealSenseError, match="unplugged just now"):
         Camera("left", Gone(), SMALL)
     cameras.close()
+
+
+def test_a_camera_that_another_program_holds_does_not_hide_the_others() -> None:
+    """The library opens a device when it is taken from its list, and raises RuntimeError where that fails."""
+
+    class Listed(list[str]):
+        def __getitem__(self, i: Any) -> Any:
+            if i == 0:
+                raise RuntimeError("failed to set power state")
+            return super().__getitem__(i)
+
+    assert opened(Listed(("held", "free"))) == ["free"]
 
 
 @needs_library

@@ -24,12 +24,26 @@ Find = Callable[[], Sequence[Any]]  # devices of the library that are connected
 
 
 def connected() -> Sequence[Any]:
-    """Cameras on USB. Raises RealSenseError."""
+    """Cameras on USB that can be opened. Raises RealSenseError: they cannot be listed."""
     rs = library()
     try:
-        return list(rs.context().query_devices())
+        devices = rs.context().query_devices()
     except RuntimeError as error:
         raise RealSenseError(f"cameras on USB cannot be listed: {error}") from error
+    return opened(devices)
+
+
+def opened(devices: Sequence[Any]) -> list[Any]:
+    """The devices of a list of the library, which opens one when it is taken from the list.
+
+    One that does not open is left out: it was unplugged meanwhile, or another program has claimed its USB interface,
+    as with RSUSB in place of V4L2 (realsenseai/librealsense: rs2_create_device in src/rs.cpp; handle-libusb.h).
+    """
+    out = []
+    for i in range(len(devices)):
+        with suppress(RuntimeError):
+            out.append(devices[i])
+    return out
 
 
 def recorded(files: Sequence[str]) -> Sequence[Any]:
