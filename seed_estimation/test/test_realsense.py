@@ -244,6 +244,7 @@ def test_old_firmware_and_usb_2_are_told() -> None:
     assert "rs-fw-update" in words
     assert "USB 2.1" in words
     assert doubts(Found("1", "D405", "5.16.0.1", "5.16.0.1", "3.2")) == ""
+    assert doubts(Found("1", "D405", "5.12.9", "unknown", "3.2")) == ""  # the library names no firmware from 2.58.1 on
 
 
 def test_a_clock_of_the_camera_is_fitted_to_the_soonest_arrival() -> None:

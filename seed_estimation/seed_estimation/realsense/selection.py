@@ -16,7 +16,9 @@ class Found(NamedTuple):
     serial: str
     name: str
     firmware: str
-    recommended: str  # firmware that the library asks for
+    recommended: (
+        str  # firmware that the library asks for; from 2.58.1 on it names none (librealsense, pull request 15063)
+    )
     usb: str  # such as 3.2
 
     def __str__(self) -> str:
@@ -85,7 +87,7 @@ def doubts(camera: Found) -> str:
     if _version(camera.firmware) < _version(camera.recommended):
         out.append(
             f"firmware {camera.firmware} is older than {camera.recommended}, which the library is made for: update it "
-            "with rs-fw-update"
+            "with rs-fw-update -f FILE (librealsense's tools; files: dev.realsenseai.com/docs/firmware-updates)"
         )
     if camera.slow_port:
         out.append(f"it hangs on USB {camera.usb}: images may be lost; use a USB 3 port and cable")
