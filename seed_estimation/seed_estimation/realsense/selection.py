@@ -16,9 +16,7 @@ class Found(NamedTuple):
     serial: str
     name: str
     firmware: str
-    recommended: (
-        str  # firmware that the library asks for; from 2.58.1 on it names none (librealsense, pull request 15063)
-    )
+    recommended: str  # firmware that the library asks for; none from 2.58.1 on (librealsense, pull request 15063)
     usb: str  # such as 3.2
 
     def __str__(self) -> str:
