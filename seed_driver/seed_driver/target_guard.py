@@ -13,6 +13,8 @@ from seed_driver.motion.limiter import CommandLimiter
 
 Pose = tuple[Vector3, Quaternion]
 LAG = 0.2  # [s] that an arm may be behind its command: clause 1 of docs/arm_contract.md
+SILENT = "no current_pose from the arm: is it running?"
+STANDS = 1e-3, 0.01  # [m], [rad] within which an arm that stands is for that long
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,7 @@ class TargetGuard:
         self.latch = HoldLatch(config.command_timeout, "waiting for resend_robot_program")
         self._measured: Pose | None = None
         self._measured_at = float("-inf")
+        self._stands: tuple[Pose, float] | None = None  # where, and since when [s]; None: not heard since it was sent
         self._limiter: CommandLimiter | None = None  # None while nothing is sent
 
     @property
@@ -52,12 +55,24 @@ class TargetGuard:
 
     def measured(self, pose: Pose, now: float) -> None:
         """Where the arm is, unless it is not finite or no rotation."""
-        if not no_pose(*pose):
-            self._measured, self._measured_at = pose, now
+        if no_pose(*pose):
+            return
+        if self._arm(now) is None or self._stands is None or _moved(pose, self._stands[0]):
+            self._stands = pose, now
+        self._measured, self._measured_at = pose, now
 
     def _arm(self, now: float) -> Pose | None:
         """Where the arm is now; None when it is not heard."""
         return self._measured if 0.0 <= now - self._measured_at <= self.config.command_timeout else None
+
+    def _start(self, now: float) -> Pose | str:
+        """Where the arm stands; why there is no such place where it moves or may: its pose is old, and it goes on."""
+        arm = self._arm(now)
+        if arm is None:
+            return SILENT
+        if self._stands is None or self._measured_at - self._stands[1] < LAG:
+            return f"the arm has not been seen to stand still for {LAG:g} s: let it come to rest"
+        return arm
 
     def resume(self, now: float) -> str:
         """Follow again, from where the arm stands when the next target comes.
@@ -65,8 +80,10 @@ class TargetGuard:
         Returns:
             Why not; '' when it does.
         """
+        if self._limiter is None and isinstance(why := self._start(now), str):
+            return why
         if self._arm(now) is None:
-            return "no current_pose from the arm: is it running?"
+            return SILENT
         self.latch.resume()
         return ""
 
@@ -84,9 +101,9 @@ class TargetGuard:
             return self.reason
         limiter = self._limiter
         if limiter is None:
-            arm = self._arm(now)
-            if arm is None:
-                return "no current_pose from the arm: is it running?"
+            arm = self._start(now)
+            if isinstance(arm, str):
+                return arm
             limiter = CommandLimiter(*arm, 1.0 / self.config.rate, self.config)
         if why := refusal(target, (limiter.p, limiter.q), self.config):
             self.latch.refused(why)
@@ -111,16 +128,20 @@ class TargetGuard:
             self.hold("no current_pose from the arm")
         if arm is not None and (why := self._astray(arm, (limiter.p, limiter.q))):
             self.hold(why)
-            self._limiter = None  # a deceleration of the command would be a jump of the arm
+            self._end()  # a deceleration of the command would be a jump of the arm
             return None
         if not self.latch.following:
             limiter.hold()
             if limiter.still:
-                self._limiter = None
+                self._end()
                 return None
         limiter.propose()
         limiter.advance()
         return limiter.p, limiter.q
+
+    def _end(self) -> None:
+        """Send nothing more. The arm may still be on the way to what was sent last."""
+        self._limiter = self._stands = None
 
     def _astray(self, arm: Pose, command: Pose) -> str:
         """Whether the arm is not where it was sent, nor on the way there; '' when it is."""
@@ -133,3 +154,9 @@ class TargetGuard:
             f"the arm is {away:.3f} m and {turned:.2f} rad from its command, at most {bound:.3f} m and {angle:.2f} "
             "rad: does something else move it?"
         )
+
+
+def _moved(pose: Pose, stood: Pose) -> bool:
+    """Whether an arm does not stand where it stood."""
+    way, angle = STANDS
+    return norm(minus(pose[0], stood[0])) > way or norm(turn_between(pose[1], stood[1])) > angle

@@ -8,6 +8,7 @@ import pytest
 
 from seed_core.arm.quaternion import from_rotation_vector
 from seed_core.arm.target_checks import Target
+from seed_core.vector3 import plus
 from seed_driver.target_guard import GuardConfig, TargetGuard
 
 HERE = (-0.40610, -0.1333, 0.33155)
@@ -21,7 +22,7 @@ class Run:
     def __init__(self, **limits: float) -> None:
         self.guard, self.now, self.sent = TargetGuard(GuardConfig(**limits)), 1.0, []
         self.arm = (HERE, DOWN)
-        self.guard.measured(self.arm, self.now)
+        self.steps(60)
         assert self.guard.resume(self.now) == ""
 
     def steps(self, count: int, y: float | None = None) -> str:
@@ -113,7 +114,7 @@ def test_an_arm_that_returns_elsewhere_is_sent_nothing_unasked(how: str) -> None
     run.sent.clear()
     away = (HERE[0], HERE[1] + 0.2, HERE[2])
     run.now, run.arm = run.now + 3.0, (away, DOWN)
-    run.steps(50, away[1])
+    run.steps(60, away[1])
     assert run.sent == []
     assert run.guard.resume(run.now) == ""
     run.steps(50)
@@ -128,9 +129,48 @@ def test_an_arm_that_was_moved_after_the_request_is_taken_from_where_it_stands()
     run = Run()
     by_hand = (HERE[0] + 0.3, HERE[1], HERE[2])
     run.arm = (by_hand, DOWN)
-    run.steps(2)
+    run.steps(60)
     assert "jumps 0.3 m" in run.steps(1, HERE[1])
     assert run.sent == []
+
+
+@pytest.mark.parametrize("then", ["asked while it moves", "asked before"])
+def test_an_arm_that_moves_is_not_sent_to_where_it_was(then: str) -> None:
+    """Something else moves it at 0.25 m/s: where its newest pose is, 90 ms old, it is not any more."""
+    run = Run()
+    if then == "asked while it moves":
+        run.guard.hold("stopped on request")
+    for _ in range(100):
+        run.arm = (plus(run.arm[0], (0.0, 0.25 * DT, 0.0)), DOWN)
+        run.steps(1)
+    run.now += 0.09
+    if then == "asked while it moves":
+        assert "the arm has not been seen to stand still for 0.2 s" in run.guard.resume(run.now)
+        run.steps(60)
+        assert run.guard.resume(run.now) == ""
+    else:
+        assert "not been seen to stand still" in run.steps(1, run.arm[0][1])
+        assert run.sent == []
+        run.steps(60, run.arm[0][1])
+    run.steps(100, run.arm[0][1] + 0.01)
+    assert run.guard.reason == ""
+    assert run.sent[-1][1] == pytest.approx(run.arm[0][1], abs=1e-9)
+
+
+def test_an_arm_that_is_not_heard_while_it_comes_to_rest_is_taken_from_where_it_came_to_rest() -> None:
+    """Its poses fail as it brakes: by the last of them it is 3 mm behind."""
+    run = Run()
+    for i in range(1, 50):
+        run.steps(1, HERE[1] + 0.3 * i * DT)
+    run.guard.hold("stopped on request")
+    run.steps(8)
+    heard = run.arm
+    while (pose := run.guard.step(run.now)) is not None:
+        run.now, run.arm = run.now + DT, pose
+    assert math.dist(heard[0], run.arm[0]) > 0.003
+    assert "not been seen to stand still" in run.guard.resume(run.now)
+    run.steps(60)
+    assert run.guard.resume(run.now) == ""
 
 
 def test_an_arm_that_something_else_moves_is_not_pulled_back() -> None:
@@ -162,7 +202,9 @@ def test_an_arm_that_lags_as_the_contract_allows_is_no_stranger() -> None:
 )
 def test_the_guard_does_not_start_from_what_is_no_pose(pose) -> None:
     guard = TargetGuard(GuardConfig())
-    guard.measured(pose, 1.0)
-    assert "no current_pose" in guard.resume(1.0)
-    guard.measured((HERE, DOWN), 1.0)
-    assert guard.resume(1.0) == ""
+    for now in (1.0, 1.1, 1.2):
+        guard.measured(pose, now)
+    assert "no current_pose" in guard.resume(1.2)
+    for i in range(7):
+        guard.measured((HERE, DOWN), 1.3 + 0.05 * i)
+    assert guard.resume(1.6) == ""

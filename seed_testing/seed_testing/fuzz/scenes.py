@@ -2,6 +2,7 @@
 """What stands around each node while it is fuzzed: good inputs, and what brings it to where it works."""
 
 import math
+import time
 from collections.abc import Callable
 from functools import cache
 from random import Random
@@ -129,9 +130,11 @@ class GuardScene(ArmScene):
     target = "guarded_frame"
 
     def calm(self) -> None:
-        """A good pose, then resend."""
+        """Good poses of an arm that stands, then resend."""
         calls = {s.topic_name: call for s, call in self.node.loop.streams.items()}
-        calls["/current_pose"](pose_stamped(self.X_WE, self.now, "base"), {})
+        for _ in range(7):
+            calls["/current_pose"](pose_stamped(self.X_WE, self.now, "base"), {})
+            time.sleep(0.04)
         self.ask("resend_robot_program")
 
 
