@@ -65,7 +65,7 @@ class Supervisor:
         """references, pressure: see the controller. The rest: what is looked at."""
         p, self._law, self._inputs, self._command, self._events = parameters, law, inputs, command, events
         self._wrench_estimator = law.wrench_estimator
-        self.guard = Guard(p, events, command.stopping)
+        self.guard = Guard(p, events, command.stopping, command.turning)
         settings = checked(references or ReferenceSettings(), "reference")
         if not law.gravity:  # the paper's law has the paper's wrench
             settings = replace(settings, correct=False)

@@ -187,6 +187,6 @@ def test_an_overload_trips_at_its_bound_after_three_images_in_a_row(what: str, s
 
 
 def moving(parameters: ControllerParameters) -> Guard:
-    guard = Guard(parameters, EventLog(""), lambda _: 0.0)
+    guard = Guard(parameters, EventLog(""), lambda _: 0.0, lambda _: 0.0)
     guard.enable(True)
     return guard

@@ -76,6 +76,10 @@ class FlangeCommand:
         """Way [m], at most, in which the gripper comes to rest from a speed [m/s]."""
         return self._limiter.linear.stopping(speed)
 
+    def turning(self, speed: float) -> float:
+        """Turn [rad], at most, in which it comes to rest from a speed [rad/s]."""
+        return self._limiter.angular.stopping(speed)
+
     def set_speeds(self, linear: float, angular: float) -> None:
         """Other bounds [m/s], [rad/s] from now on; a faster command brakes within its acceleration."""
         self._limiter.linear.speed, self._limiter.angular.speed = linear, angular

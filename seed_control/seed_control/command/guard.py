@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the arm may move: it is enabled, and nothing has made it hold since."""
 
-from collections.abc import Callable
 from math import degrees, inf
 
 from seed_control.command.arm_follows import ArmFollows, Behind
-from seed_control.command.displacement_travel import DisplacementTravel
+from seed_control.command.displacement_travel import DisplacementTravel, Stopping
 from seed_control.command.free_travel import FreeTravel
 from seed_control.law.published import Plan
 from seed_control.parameters import ControllerParameters
@@ -28,15 +27,19 @@ class Guard:
         displacement_travel: the same without the displacement of the grasp that is wanted.
     """
 
-    def __init__(self, parameters: ControllerParameters, events: EventLog, stopping: Callable[[float], float]) -> None:
-        """stopping: the way [m] in which the command comes to rest from a speed [m/s]."""
+    def __init__(
+        self, parameters: ControllerParameters, events: EventLog, stopping: Stopping, turning: Stopping
+    ) -> None:
+        """stopping, turning: the way [m], [rad] in which the command comes to rest from a speed [m/s], [rad/s]."""
         self.parameters, self._events = parameters, events
         self._latch = HoldLatch(inf)
         self.enabled = False
         self._too_far = self._pressed = 0  # images in a row
         self._directions, self._least_across = 0, inf  # [N] across the force directions, the least since they are so
         self.free_travel = FreeTravel(parameters.max_free_travel, stopping)
-        self.displacement_travel = DisplacementTravel(parameters.max_free_travel, parameters.max_drift)
+        self.displacement_travel = DisplacementTravel(
+            parameters.max_free_travel, parameters.max_drift, stopping, turning
+        )
         self._arm = ArmFollows(parameters.max_tracking_error, parameters.max_angular_tracking_error)
 
     @property
