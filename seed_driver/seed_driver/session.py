@@ -6,7 +6,7 @@ from math import dist
 
 from seed_core.vector3 import norm
 from seed_driver.config import TOLD_TO_CONTROLLER, DriverConfig
-from seed_driver.motion.path_clock import PathClock
+from seed_driver.motion.path_clock import STANDSTILL, PathClock
 from seed_driver.motion.servo_motion import ServoMotion
 from seed_driver.process.realtime import threads_above
 from seed_driver.process.shared_memory import RobotState
@@ -125,7 +125,9 @@ class Session:
             why += f"{c.max_angular_tracking_error:g} rad)"
         if why and not self.reason:
             self.motion.hold(f"{why}: see what blocks or slows it, then call resend_robot_program")
-        if stood or (why and not _moves(s)):
+        # Where the path's time stands still a command that brakes would do so for ever.
+        braking = self.reason and self.path.scale < STANDSTILL and not self.motion.limiter.still
+        if stood or ((why or braking) and not _moves(s)):
             self.take_back(s)  # nothing is made up for
 
     def take_back(self, s: RobotState) -> None:

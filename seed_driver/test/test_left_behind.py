@@ -3,10 +3,11 @@
 
 import pytest
 
+from seed_core.arm.quaternion import as_quaternion
 from seed_driver.config import DriverConfig
 from seed_driver.motion.calibrated_kinematics import arm_kinematics
 from seed_driver.motion.servo_motion import ServoMotion
-from seed_driver.process.shared_memory import RobotState, SharedMemory
+from seed_driver.process.shared_memory import RobotState, SharedMemory, TargetSlot
 from seed_driver.session import Session
 from seed_testing.fault_bench.slider import ELBOW_UP
 from seed_ur.kinematics import URKinematics
@@ -50,3 +51,21 @@ def test_a_pose_where_the_arm_cannot_be_does_not_become_the_command(session) -> 
     session._compare(RobotState(q=ELBOW_UP))
     assert "m from its command" in session.reason
     assert session.motion.command == command
+
+
+def test_a_stop_at_a_slider_of_zero_is_at_rest(session) -> None:
+    """The path's time stands still, in the middle of braking: freedrive and zero_ft said that the arm is moving."""
+    turned = as_quaternion(URKinematics.for_model("ur5e").forward(ELBOW_UP)[:3, :3])
+    session.motion.restart(RobotState(q=ELBOW_UP, p=HERE, orientation=turned))
+    session.motion.memory.write_target(TargetSlot(1, 1.0, (HERE[0] + 0.02, *HERE[1:]), turned))
+    session.motion.take_target(1.0)
+    for _ in range(30):
+        session.motion.step()
+    place = HERE[0] + 5e-4, *HERE[1:]  # where the arm has come to
+    stands = RobotState(q=ELBOW_UP, p=place, orientation=turned, speed_scaling=0.0)
+    session.stop()
+    session._compare(stands._replace(twist=(0.03, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    assert session.motion.command[0] != place  # it is still on the way
+    session._compare(stands)
+    session._need_rest()
+    assert session.motion.command[0] == place
