@@ -188,6 +188,21 @@ def test_nothing_relaxes_while_the_gripper_is_silent() -> None:
     assert "does not answer" in control.command(4.0).hold
 
 
+@pytest.mark.parametrize("deviation", [np.nan, np.inf])
+def test_a_load_that_is_not_known_keeps_the_grip_until_it_is(deviation: float) -> None:
+    """An estimate may state a variance that is not finite; the grip that follows was no number from then on."""
+    control = GripControl(SETTINGS)
+    control.heard(0.0, 0.02, 5.0)
+    control.image(margin_of(5.0, 0.01), 0.01)
+    before = control.wanted
+    control.image(margin_of(5.0, 0.03, deviation), 0.03)
+    assert control.wanted == before
+    assert "the load on the grasp is not known" in control.command(0.03).hold
+    control.image(margin_of(5.0, 0.05), 0.05)
+    assert control.wanted == pytest.approx(before, rel=0.05)
+    assert control.command(0.05).hold == ""
+
+
 def test_fingers_that_close_no_further_without_a_grip_are_named() -> None:
     control = GripControl(replace(SETTINGS, min_width=0.012))
     for i in range(40):

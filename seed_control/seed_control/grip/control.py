@@ -100,6 +100,9 @@ class GripControl:
         self._at(t)
         if not isfinite(self.wanted):
             return
+        if not all(map(isfinite, margin)):
+            self._overload = "the load on the grasp is not known: see the covariance of relative_pose"
+            return
         if margin.stamp < self._stamp - _SET_BACK:
             self._stamp = -inf
         s, dt = self.settings, margin.stamp - self._stamp
