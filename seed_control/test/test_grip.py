@@ -2,6 +2,7 @@
 """The slip margin and the grip that keeps it, against Coulomb's law in one place."""
 
 from dataclasses import replace
+from itertools import pairwise
 from math import isnan
 
 import numpy as np
@@ -282,3 +283,15 @@ def test_a_clock_that_is_set_back_keeps_grip_and_answers_due() -> None:
     assert "does not answer" in control.command(t + 1.0).hold
     control.image(margin_of(3.6, -50.0), -50.0)
     assert "does not answer" in control.command(-49.0).hold
+
+
+def test_a_clock_that_goes_back_a_little_tightens_nothing_beyond_max_force() -> None:
+    control = GripControl(SETTINGS)
+    t, told = 0.0, []
+    for i in range(200):
+        t += FRAME - 0.3 * (i in (26, 60, 90))  # as it relaxes from max_force
+        control.heard(t, 0.02, control.wanted if i else SETTINGS.max_force)
+        control.image(margin_of(1.0, t), t)
+        told += [control.command(t).force]
+    assert max(told) <= SETTINGS.max_force
+    assert all(b <= a for a, b in pairwise(told))

@@ -151,7 +151,7 @@ class GripControl:
         if not wanted < self._kept * (1.0 - _REST):
             self._needed, self._kept = t, max(wanted, self._kept)
         elif t - self._needed > self.settings.relax_after and not self._sliding:
-            dt = min(t - self._relaxed, 0.1) if self._relaxed > self._needed else 0.0
+            dt = min(max(t - self._relaxed, 0.0), 0.1) if self._relaxed > self._needed else 0.0
             self._kept = max(wanted, self._kept * (1.0 - self.settings.relax_rate * dt))
         self._relaxed = t
 
