@@ -89,7 +89,8 @@ class DisplacementTravel:
             return ""
         return (
             f"the displacement is not reached within max_free_travel = {1e3 * self._way:.0f} mm and max_drift = "
-            f"{self._turn:g} degrees (gone: {1e3 * norm(gone):.0f} mm, {degrees(norm(turned_by)):.0f} degrees, and the way to rest): nothing resists the tool there"
+            f"{self._turn:g} degrees (gone: {1e3 * norm(gone):.0f} mm, {degrees(norm(turned_by)):.0f} degrees, and the "
+            "way to rest): nothing resists the tool there"
         )
 
 
