@@ -316,7 +316,8 @@ class Controller:
                 command.stop(dt)
             else:
                 p = self.parameters
-                command.give_way(back, dt, p.approach_speed if self.supervisor.doubtful else p.max_speed)
+                slow = self.supervisor.doubtful or not law.regulates_force
+                command.give_way(back, dt, p.approach_speed if slow else p.max_speed)
             return ()
         command.compare(self._inputs.history.newest(), dt)
         met: tuple[str, ...] = ()

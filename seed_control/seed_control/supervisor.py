@@ -28,7 +28,7 @@ from seed_core.config import checked
 from seed_core.estimate import EMPTY, NEW_GRASP, RelativePoseEstimate
 from seed_core.hand import Hand, Tool
 from seed_core.spatial import Array, length
-from seed_core.vector3 import ZERO, Vector3, as_vector3
+from seed_core.vector3 import ZERO, Vector3, as_vector3, minus, norm, plus_scaled
 from seed_core.wrench_settings import ReferenceSettings
 
 
@@ -183,9 +183,16 @@ class Supervisor:
                 guard.displacement_travel.leave(command.p_WC, command.q_WE, dt, own)
 
     def retreat(self, p_WC: Vector3) -> Vector3 | None:
-        """Where C is to go [m] while it holds, to give way; None: it comes to rest from p_WC, where the command is."""
+        """Where C is to go [m] while it holds, to give way; None: it comes to rest from p_WC, where the command is.
+
+        Back along the force that was wanted, or, from what was in the way of a tool without one, the way that it came.
+        """
         if self._relief.way and self.guard.enabled:
             return self._relief.target(self._held_at)
+        if self.guard.back_to is not None and self.guard.enabled:
+            back = minus(self.guard.back_to, self._held_at)
+            most = self.guard.parameters.max_free_travel
+            return plus_scaled(self._held_at, min(1.0, most / max(norm(back), most)), back)
         self._held_at = p_WC
         return None
 

@@ -11,6 +11,7 @@ from quasi_static import DOWN, DT, PRESS_Z, Bench
 from seed_control.command.relief import Relief
 from seed_control.law.surface_observer import SurfaceObserver
 from seed_control.law.tip_reference import HeightReference, TipReference
+from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_core.spatial import Wrench, make_pose, rotation_from_rpy
 from seed_core.vector3 import ZERO, Vector3
@@ -152,3 +153,29 @@ def test_a_hold_between_two_steps_gives_way_from_where_the_gripper_is() -> None:
     assert_allclose(off[:, :2], 0.0, atol=1e-3)
     assert off[:, 2].min() > -1e-3
     assert off[-1, 2] > 2e-3  # it gives way
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.1, 0.25])
+def test_a_tool_that_ran_into_something_goes_back_the_way_it_came(speed: float) -> None:
+    bench = Bench(start=make_pose(p=(0.0, 0.0, 0.1)) @ DOWN, parameters=ControllerParameters(max_speed=speed)).enabled()
+    bench.controller.set_setpoint(HybridSetpoint(make_pose(p=(0.0, 0.0, -0.08)) @ DOWN), bench.t)
+    while not bench.force:
+        bench.step()
+    touches = bench.commands[-1][2, 3]
+    assert bench.run(4.0).mode == "holding"
+    assert "something is in its way" in bench.state.reason
+    assert bench.force < 3.0 < 10.0 < max(bench.forces)  # half of max_unexpected_force and of the tool's weight
+    assert bench.commands[-1][2, 3] == pytest.approx(bench.commands[-50][2, 3], abs=1e-5)
+    assert bench.commands[-1][2, 3] < touches + speed / bench.image_rate + 1e-3
+
+
+def test_an_arm_whose_tool_is_pushed_comes_back_to_where_it_stood() -> None:
+    bench = Bench(noise=1e-5).enabled()
+    bench.controller.set_setpoint(HybridSetpoint(DOWN), bench.t)
+    bench.run(1.0)
+    before = bench.commands[-1]
+    bench.table = bench.tip_height() + 0.015
+    while bench.state.mode != "holding":
+        bench.step()
+    bench.run(1.0)
+    assert_allclose(bench.commands[-1], before, atol=2e-4)

@@ -12,7 +12,7 @@ from seed_control.state import EventLog
 from seed_control.wrench.estimate import Measurement
 from seed_core.arm.hold import HoldLatch
 from seed_core.spatial import length, rpy_from_rotation
-from seed_core.vector3 import Vector3
+from seed_core.vector3 import Vector3, as_vector3
 
 _IMAGES = 3  # in a row that must agree on an overload
 _SWAYS = 0.5  # of the tool's weight, that it presses with as the arm starts and stops
@@ -25,6 +25,7 @@ class Guard:
         enabled: since `enable`, until `disable`.
         free_travel: how far the arm has gone without the force that is wanted.
         displacement_travel: the same without the displacement of the grasp that is wanted.
+        back_to: place of C [m] where nothing was in the way, of a hold for what is; None: of none.
     """
 
     def __init__(
@@ -36,6 +37,8 @@ class Guard:
         self.enabled = False
         self._too_far = self._pressed = 0  # images in a row
         self._directions, self._least_across = 0, inf  # [N] across the force directions, the least since they are so
+        self._free: Vector3 | None = None  # place of C [m] in the last image that showed less than half of too much
+        self.back_to: Vector3 | None = None
         self.free_travel = FreeTravel(parameters.max_free_travel, stopping)
         self.displacement_travel = DisplacementTravel(
             parameters.max_free_travel, parameters.max_drift, stopping, turning
@@ -60,6 +63,7 @@ class Guard:
         self._pressed = 0
         if not self._directions:  # away from what was in the way
             self._least_across = inf
+        self._free = self.back_to = None
         self.free_travel.restart()
         self.displacement_travel.restart()
         self._arm.restart()
@@ -102,8 +106,12 @@ class Guard:
         self._least_across = min(self._least_across, size)
         wanted, most = length(plan.wanted), self.parameters.max_unexpected_force
         rise = size - self._least_across
-        self._pressed = self._pressed + 1 if rise > most + wanted + _SWAYS * weight else 0
-        if self._pressed >= _IMAGES:
+        bound = most + wanted + _SWAYS * weight
+        self._pressed = self._pressed + 1 if rise > bound else 0
+        if rise < 0.5 * bound:
+            self._free = as_vector3(m.X_WC[:3, 3])
+        if self._pressed >= _IMAGES and self.following:
+            self.back_to = None if len(N) else self._free
             self.hold(
                 f"the tool is pressed with {rise:.1f} N where no force is wanted, beyond max_unexpected_force = "
                 f"{most:g} N: something is in its way; move it off, or control the force there"
