@@ -43,8 +43,9 @@ FITS = 1.6  # times the usual depth residual, up to which depth fits as well as 
 USUAL = 0.05  # weight of a frame in what is usual
 PREDICTED = 0.1  # [s] longest time over which the velocity is taken to stay
 STOPS = 0.5  # [s] after the last pose, for which the material of a lost track may still come to a stop
-# [1] of the time between frames by which fingers may be apart and still go by the speed of one frame: from a half on,
-# an error of one frame puts a finger as far off to the other side in the next one, and grows
+# [1] of the time between frames by which a finger may be ahead and still go by the speed of one frame: from a half on,
+# an error of one frame puts a finger as far off to the other side in the next one, and grows. What is behind does so
+# from a whole frame on only; an averaged speed would be that of a motion that has turned round meanwhile.
 CALM = 0.4
 FOLLOWED = 0.2  # [s] between frames, up to which they tell a velocity and a micro-slip
 
@@ -80,7 +81,7 @@ class Tracker:
         self._patches = Followed([MaterialTracker(m, m.patch) for m in models])
         self._bands = Followed([MaterialTracker(m, m.around) for m in models if m.around is not None])
         self._rate = np.zeros(6)  # [rotation vector, translation] per second, in C
-        self._even_rate = np.zeros(6)  # averaged over some frames, as many as fingers are apart in time
+        self._even_rate = np.zeros(6)  # averaged over some frames, the more the further a finger is ahead
         self._stamp = min(i.stamp for i in images.values())
         self._detector = GrossSlip(models)
         self._found = 0  # frames in a row since it was found again
@@ -227,8 +228,8 @@ class Tracker:
         followed = not self.lost and 0.0 < dt <= FOLLOWED
         turn, way = rotation_error(found.X_CT[:3, :3], self.X_CT[:3, :3]), found.X_CT[:3, 3] - self.X_CT[:3, 3]
         self._rate = np.concatenate([turn, way]) / dt if followed else np.zeros(6)
-        apart = max(map(abs, self._course.behind.values()), default=0.0) if self._course is not None else 0.0
-        weight = CALM * dt / apart if followed and apart > CALM * dt else 1.0
+        ahead = -min(self._course.behind.values(), default=0.0) if self._course is not None else 0.0
+        weight = CALM * dt / ahead if followed and ahead > CALM * dt else 1.0
         self._even_rate = self._even_rate + weight * (self._rate - self._even_rate)
         if followed:
             self.timing.learn(found, self.X_CT, dt, self._course)
