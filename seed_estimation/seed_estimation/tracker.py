@@ -103,7 +103,7 @@ class Tracker:
         start, dt = self._predicted(stamp), stamp - self._stamp
         behind = self.timing.behind({f: i.stamp for f, i in images.items()}, stamp)
         on_course = not self.lost and 0.0 < dt <= FOLLOWED and any(behind.values())
-        self._course = Course(self._even_rate, behind) if on_course else None
+        self._course = Course(self._even_rate, self._rate, behind) if on_course else None
         crops = self._crops(images, start)
         quality = partial(self._quality, touching)
         best = self._fit(crops, start, (COARSE_STEPS if self.lost else 0, p.iterations))

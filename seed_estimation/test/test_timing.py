@@ -126,3 +126,19 @@ def test_a_finger_that_is_behind_goes_by_the_speed_of_one_frame() -> None:
     _, error, valid = followed(0.021, stamped=False, learnt=True)
     assert valid
     assert error < 9e-5
+
+
+def test_a_speed_that_is_averaged_makes_no_skew_of_a_motion_to_and_fro(monkeypatch: pytest.MonkeyPatch) -> None:
+    """60 mm/s to and fro: half of the speed is left on average, and the skew made up for that, by 55 ms and more."""
+
+    def to_and_fro(t: float) -> Array:
+        u = 20.0 * max(t - 0.2, 0.0) % 4.0
+        x = 0.0021 * (u if u < 1.0 else 2.0 - u if u < 3.0 else u - 4.0)
+        return make_pose(None, (x, 0.0, x))
+
+    monkeypatch.setitem(globals(), "truth", to_and_fro)
+    estimator, _, valid = followed(-0.021, stamped=True, learnt=True)
+    assert valid
+    assert estimator.timing is not None
+    assert abs(estimator.timing.skew.estimate) < 0.005
+    assert not estimator.timing.words()

@@ -48,6 +48,18 @@ def late(H: Array, g: Array, H_late: Array, g_late: Array, speed: Array) -> Late
     return Late(gradient / max(information, 1e-9), max(information, 0.0), effect)
 
 
+def share(H: Array, H_late: Array, speed: Array, other: Array) -> float:
+    """As how much of the speed (6,) another one counts [1]; H, H_late: as of `late`."""
+    column = H_late @ speed
+    seen = column - H_late @ solved(H, column)
+    return float(other @ seen) / max(float(speed @ seen), 1e-9)
+
+
+def in_frame(X_CT: Array, rate: Array) -> Array:
+    """A rate (6,) in C in the frame of a tool at X_CT (4, 4)."""
+    return np.concatenate((rate[:3] @ X_CT[:3, :3], rate[3:] @ X_CT[:3, :3]))
+
+
 @dataclass
 class Delay:
     """A delay that is learnt.
@@ -88,7 +100,7 @@ class Delay:
             return
         noise = DOUBT / frame.information + SYSTEMATIC**2 * max(ALIKE / dt, 1.0)
         gain = self.variance / (self.variance + noise)
-        wanted = applied + min(max(frame.step, -LARGEST), LARGEST)
+        wanted = min(max(applied + frame.step, -LARGEST), LARGEST)
         self.estimate = min(max(self.estimate + gain * (wanted - self.estimate), self.least), LARGEST)
         self.variance *= 1.0 - gain
 
@@ -98,11 +110,13 @@ class Course:
     """Where the tool was when each finger's images were taken.
 
     Attributes:
-        rate: (6,) [rotation vector, translation] per second, in C, of the tool in the frame before.
+        rate: (6,) [rotation vector, translation] per second, in C, that the fit goes by.
+        last: (6,) of the tool in the frame before.
         behind: by how much each finger's images are older than the frame [s]; not named: by nothing.
     """
 
     rate: Array
+    last: Array
     behind: Mapping[str, float]
 
     def at(self, X_CT: Array, finger: str) -> Array:
@@ -146,11 +160,14 @@ class Timing:
         if right is not None and len(fit.fingers) > 1:
             H, g = right.image.H + right.depth.H, right.image.g + right.depth.g
             other = late(fit.H, fit.g, H, g, speed)
-            self.skew.update(other, self.skew.value, dt)
+            applied = self.skew.value
+            if course is not None:  # an averaged speed is not as large: a skew that makes up for that would grow on
+                apart = course.behind.get("right", 0.0) - course.behind.get("left", 0.0)
+                applied += apart * share(fit.H, H, speed, in_frame(fit.X_CT, course.rate - course.last))
+            self.skew.update(other, applied, dt)
             effects.append(self.skew.deviation * other.effect)
         if course is not None:  # a speed that changes puts a finger where it was not
-            R = fit.X_CT[:3, :3].T
-            change = speed - np.concatenate((R @ course.rate[:3], R @ course.rate[3:]))
+            change = speed - in_frame(fit.X_CT, course.rate)
             for finger in fit.fingers:
                 behind = course.behind.get(finger.model.finger, 0.0)
                 effects.append(behind * late(fit.H, fit.g, finger.image.H + finger.depth.H, fit.g, change).effect)
