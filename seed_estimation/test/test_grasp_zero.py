@@ -12,6 +12,7 @@ from seed_core.hand import Hand
 from seed_core.membrane.material import around, rigid_motion
 from seed_core.spatial import Array, make_pose, so3_exp
 from seed_estimation import Estimator, EstimatorError, EstimatorParameters, TactileImages
+from seed_estimation.contact.grasp_zero import Dragged, grasp_zero
 from seed_sim.membrane.grasp import MembraneGrasp
 from seed_sim.membrane.parameters import MembraneParameters
 from seed_sim.tactile.parameters import TactileParameters, ToolShape
@@ -65,6 +66,17 @@ def test_a_grasp_under_load_is_refused_in_numbers_where_that_is_wanted_or_it_is_
         grasped((0.0, 0.0, 0.003), max_drag=0.002)
     estimator, _ = grasped(HANGING, loaded_grasp="ignore")
     assert not estimator.zero.words
+
+
+def test_one_membrane_that_is_dragged_while_the_other_tells_nothing_is_named_or_refused() -> None:
+    """A drag of 8 mm reached beyond the search on one finger only, and nothing was said."""
+    seen = Dragged(np.array((0.0, 0.0079)), 0.0, 1e-4)
+    zero = grasp_zero({"left": seen, "right": None})
+    assert "cannot be told: the left membrane is dragged by x +0.0, z +7.9" in zero.words
+    assert not zero.loaded
+    assert not grasp_zero({"left": seen}).words  # one bubble alone that is pressed aside looks the same
+    with pytest.raises(EstimatorError, match="dragged"):
+        grasped((0.0, 0.0, 0.008))
 
 
 def test_dots_that_are_others_tell_nothing_and_say_so() -> None:

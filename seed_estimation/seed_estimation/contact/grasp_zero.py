@@ -118,11 +118,13 @@ def grasp_zero(fingers: Mapping[str, Dragged | None]) -> GraspZero:
     motions = np.array([d.motion for d in seen.values()])
     motion, apart = motions.mean(axis=0), motions - motions.mean(axis=0)
     deviation = float(np.sqrt(np.mean([d.deviation**2 for d in seen.values()]) + np.square(apart).mean()))
-    size = length(motion)
-    if len(seen) < 2 or size < CLEAR * deviation:  # one bubble that is pressed aside looks the same
-        return GraspZero(motion, deviation)
     x, z = 1e3 * motion
     way = f"x {x:+.1f}, z {z:+.1f} +- {1e3 * deviation:.1f} mm in C"
+    if len(fingers) < 2 or length(motion) < CLEAR * deviation:  # one bubble that is pressed aside looks the same
+        return GraspZero(motion, deviation)
+    if len(seen) < len(fingers):
+        dots = f"the {next(iter(seen))} membrane is dragged by {way}, and the other one's dots are not found"
+        return GraspZero(motion, deviation, f"whether the grasp was under load cannot be told: {dots}")
     return GraspZero(motion, deviation, f"the tool hangs or is pressed: the membranes are dragged by {way}", True)
 
 

@@ -136,7 +136,6 @@ def _load(
             for f, s in reference.finders.items()
         }
     )
-    size = length(zero.shift)
-    if zero.loaded and (p.loaded_grasp == "refuse" or size > p.max_drag):
+    if (zero.loaded and p.loaded_grasp == "refuse") or (zero.words and length(zero.motion) > p.max_drag):
         raise EstimatorError(f"{zero.words}; let something carry its weight and grasp again")
     return zero
