@@ -25,7 +25,7 @@ from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.contact.reference import NO_LOAD, Grasp, Reference
 from seed_estimation.images import identity
 from seed_estimation.images.camera import PinholeCamera
-from seed_estimation.images.checks import SET_BACK, EstimatorError, Frame, frame_problem, usable_images
+from seed_estimation.images.checks import SET_BACK, Alive, EstimatorError, Frame, frame_problem, usable_images
 from seed_estimation.images.tactile_images import Image, Mask, TactileImages
 from seed_estimation.parameters import EstimatorParameters
 from seed_estimation.published import PublishedMethod
@@ -95,6 +95,7 @@ class Estimator:
         self._stamp = -np.inf  # [s] of the last images since the grasp: of the older finger's
         self._touched = -np.inf  # [s] of the last images in which a finger touched the tool
         self._no_grasp = NO_GRASP  # why there is none
+        self._alive = Alive({})
         self._tracker: Tracker | None = None  # with a grasp and method rigid_fit
         self._mutual = calibration.mutual_deviation
         self._covariance = self._new_covariance()
@@ -157,6 +158,7 @@ class Estimator:
         self._forget_grasp(REFUSED)  # also where the new one is refused: it was asked for since the old one is none
         series = self._usable(frames, reference.correction, "grasp")
         self._refuse_another(series)
+        self._alive = Alive(series)
         grasp = Grasp.taken(series, reference, p)
         self.masks, self.patches, self.zero = grasp.masks, grasp.patches, grasp.zero
         if p.method in PATCH_METHODS:
@@ -228,11 +230,14 @@ class Estimator:
 
         # Checks: images/checks.py
         problem, reference = self._problem(images, stamp), self._reference
+        reduced: dict[str, TactileImages] = {}
+        if not problem and reference is not None:
+            reduced = {f: images[f].reduced(p.decimate, reference.correction[f]) for f in self.fingers}
+            problem = self._alive.problem(reduced) if self._holds else ""
         if problem or reference is None:
             self.patches, self.masks, self._images = {}, {}, {}  # what was seen before is not what is there now
             return self._invalid(stamp, problem)
-        gap, self._stamp = stamp - self._stamp, stamp
-        self._images = {f: images[f].reduced(p.decimate, reference.correction[f]) for f in self.fingers}
+        gap, self._stamp, self._images = stamp - self._stamp, stamp, reduced
 
         # Contact patches, Sec. VII-A: contact/patch.py
         for f, finder in (reference.quick if self._patch_method is None else reference.finders).items():

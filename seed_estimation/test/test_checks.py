@@ -202,3 +202,26 @@ def test_an_infrared_pixel_without_a_number_spoils_no_other(value: float) -> Non
     found = normalised(ir)
     assert np.isfinite(found).all()
     assert_allclose(found[:, 40:], clean[:, 40:], atol=1e-3)
+
+
+@pytest.mark.parametrize(("name", "said"), [("depth", "its depth image is the one before"), ("ir", "its infrared")])
+def test_an_image_that_a_camera_sends_again_is_told_from_a_tool_that_stands_still(name: str, said: str) -> None:
+    """One finger's image that stood still while the tool went on put the pose off by 1 mm, and it was valid."""
+    estimator, bubbles = held(TactileParameters(), 17)
+    last = bubbles.render(np.eye(4), PERIOD)
+    assert estimator.update(last, PERIOD).valid
+    stuck = spoilt(bubbles.render(np.eye(4), 2 * PERIOD), "right", **{name: getattr(last["right"], name)})
+    estimate = estimator.update(stuck, 2 * PERIOD)
+    assert not estimate.valid
+    assert f"right: {said}" in estimate.reason
+    assert estimator.update(bubbles.render(np.eye(4), 3 * PERIOD), 3 * PERIOD).valid
+
+
+def test_images_without_noise_may_be_alike() -> None:
+    bubbles = TactileRenderer(TactileParameters(), Hand(), 17)
+    touched = bubbles.render(np.eye(4), -1.0)
+    estimator = Estimator(EstimatorParameters(), Hand(), bubbles.cameras)
+    estimator.capture_reference([bubbles.no_contact(-2.0 + i * PERIOD) for i in range(4)])
+    estimator.initialize_grasp([touched, touched])
+    for stamp in (-0.9, -0.8):
+        assert estimator.update({f: replace(i, stamp=stamp) for f, i in touched.items()}, stamp).valid

@@ -2,6 +2,7 @@
 """Checks of incoming images: which can be used, and why not."""
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from math import isfinite
 
 import cv2
@@ -16,6 +17,7 @@ _UNITS = (("millimetres", 1e3), ("tenths of a millimetre", 1e4))  # of depth; ho
 Frame = Mapping[str, TactileImages]  # images of one time by finger
 IMAGES = "TactileImages(depth, brightness, stamp)"
 FRAME = f"give {{'left': {IMAGES}, 'right': ...}}"
+KINDS = {"depth": "depth", "ir": "infrared"}
 SET_BACK = 0.5  # [s] images older than the last by this: the camera's clock was set back, and the track is lost
 
 
@@ -115,3 +117,33 @@ def _ir_problem(ir: Image, shape: tuple[int, int], saturation: float) -> str:
     if float(cv2.meanStdDev(some)[1][0, 0]) < 1e-3 * max(total / some.size, 1.0):
         return "infrared image is constant: no dots to follow"
     return ""
+
+
+class Alive:
+    """Whether a camera still sees: images of one that does are never alike to the last bit, since they have noise.
+
+    A driver that sends its last image again and again, with new stamps, looks like a tool that stands still.
+    """
+
+    def __init__(self, series: Mapping[str, Sequence[TactileImages]]) -> None:
+        """series: images of each finger. Where two in a row are alike nothing is judged: there is no noise in them."""
+        self._last: dict[tuple[str, str], Image] = {}
+        for finger, images in series.items():
+            for name in KINDS:
+                some = [_some(i, name) for i in images]
+                if not any(np.array_equal(a, b, equal_nan=True) for a, b in pairwise(some)):
+                    self._last[finger, name] = some[-1]
+
+    def problem(self, frame: Frame) -> str:
+        """Which image of a frame is the one before, or ''."""
+        problem = ""
+        for (finger, name), last in self._last.items():
+            self._last[finger, name] = now = _some(frame[finger], name)
+            if not problem and np.array_equal(now, last, equal_nan=True):
+                problem = f"{finger}: its {KINDS[name]} image is the one before, to the last bit: does the camera run?"
+        return problem
+
+
+def _some(images: TactileImages, name: str) -> Image:
+    """Every fourth pixel of an image, as many as tell it from another."""
+    return np.asarray(getattr(images, name)[::4, ::4], np.float32).copy()
