@@ -335,5 +335,6 @@ def test_what_a_tool_is_lowered_onto_is_no_wrong_zero() -> None:
     touching[2, 3] = -1.5e-3  # into the table
     bench.controller.set_setpoint(HybridSetpoint(touching), bench.t)
     state = bench.run(5.0)
-    assert bench.force > 3.0
+    assert max(bench.forces) > 5.0
+    assert bench.force > 2.0  # it holds, and has gone back the way that it came
     assert_allclose(state.filtered.force[2], -bench.force, atol=0.2)

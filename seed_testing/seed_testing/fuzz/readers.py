@@ -84,7 +84,7 @@ def READERS() -> tuple[Reader, ...]:
         Reader("hand", ".yaml", "yaml", (hand, *_share("seed_bringup", "config/hand.yaml")), _hand),
         Reader("arm_calibration", ".yaml", "yaml", (_arm(),), lambda f: load_calibration(str(f), nominal).origins),
         Reader("samples", ".jsonl", "lines", (_samples(),), sample_file.read),
-        Reader("launch", ".xml", "text", _launch_files(), lambda f: describe(f, {})),
+        Reader("launch", ".xml", "text", _launch_files(), _launch),
         Reader("urdf", ".urdf", "text", _share("seed_bringup", "urdf/*.urdf"), joints_of),
         Reader("identity", ".npz", "bytes", (_identity(),), identity.load),
         Reader("capture", ".npz", "bytes", (_capture(),), read_capture),
@@ -100,6 +100,10 @@ def _launch_files() -> tuple[bytes, ...]:
     """Those that include no other."""
     files = _share("seed_bringup", "launch/*.xml") + _share("seed_driver", "launch/*.xml")
     return tuple(f for f in files if b"<include" not in f)
+
+
+def _launch(file: Path) -> Any:
+    return describe(file, {"robot_ip": "127.0.0.2"} if b'"robot_ip"' in file.read_bytes() else {})
 
 
 def _identification(file: Path) -> Any:
