@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.estimate import NO_TOUCH, MembraneMotion, RelativePoseEstimate
-from seed_core.spatial import Array, both, inverse_pose, make_pose
+from seed_core.spatial import Array, both, inverse_pose
 from seed_estimation.contact.grasp_zero import GraspZero
 from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.images.tactile_images import Mask, TactileImages
@@ -117,10 +117,10 @@ def from_free(estimate: RelativePoseEstimate, zero: GraspZero) -> RelativePoseEs
     """Counted from where the tool would have been without load when its grasp was taken."""
     if not zero.loaded or not estimate.valid:
         return estimate
-    X, X_band = make_pose(None, zero.shift), make_pose(None, BAND_GOES * zero.shift)
+    X, X_band = zero.motion_since_free(), zero.motion_since_free(BAND_GOES, BAND_TURNS)
     share = np.concatenate((np.full(3, BAND_TURNS), BAND_GOES))
     of_band = np.outer(share, share) * zero.covariance
-    of_band[3:, 3:] += np.diag(np.square(UNSURE * zero.shift))
+    of_band[3:, 3:] += np.diag(np.square(UNSURE * X[:3, 3]))
     return replace(
         estimate,
         X_CT=estimate.X_CT @ X,

@@ -6,17 +6,20 @@ along the axis y of C, and nothing sideways. A tool that hangs from the grasp, o
 dots along x and z by load over stiffness: the zero is wrong by that much. The dots of the free membrane, which the
 reference shows, and those in the patch tell how far.
 
+A tool whose weight hangs beside the grasp has turned it as well, about y most of all, on which it is hinged.
+
 A point q of the patch shows material that was at p on the free membrane: its place across y is that of q, less the
 motion (t_x, t_z), a turn about y and the patch's stretch, which are searched for; its height is the free membrane's.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from seed_core.spatial import Array, inverse_pose, length
+from seed_core.spatial import Array, inverse_pose, length, make_pose, so3_exp
 from seed_estimation.contact.membrane import Membrane
 from seed_estimation.contact.surface import surface
 from seed_estimation.images.normalise import coarse, normalised
@@ -24,12 +27,17 @@ from seed_estimation.images.sampling import sample
 from seed_estimation.images.tactile_images import Array32, Image, Mask
 
 REACH, STEP = 0.008, 0.0008  # [m] of the search, and between its places
+TURNS = -0.2, 0.0, 0.2  # [rad] that it tries
 POINTS, SEARCHED = 900, 250  # of the patch, for the motion and for the search
 BORDER = 3  # [px] cut off along the patch
 ALIKE, SURE = 0.6, 0.85  # [1] correlation from which on the dots may be the same, and from which on nothing is searched
 TRUST = 1e-4  # [m] standard deviation that a good match still has: the membrane need not go in straight
+TRUST_TURN = 0.005  # [rad] likewise, of the turn
 CLEAR = 2.5  # deviations from which on a motion counts
-MISJUDGED = 0.1  # [1] of a motion, standard deviation of what micro-slip makes of it
+MISJUDGED, MISJUDGED_TURN = (
+    0.1,
+    0.25,
+)  # [1] of a motion, and of a turn, standard deviation of what micro-slip makes of it
 STRETCH = 0.05  # [1] deviation of the patch's stretch
 ANYWHERE = 0.1, 1.0  # [m], [rad] deviations of motion and twist before a dot is seen: they hold what shows none
 _ITERATIONS = 12
@@ -42,13 +50,17 @@ class Dragged(NamedTuple):
     """Sideways motion of a patch since its bubble was free.
 
     Attributes:
-        motion: (2,) [m] along x and z of C, and twist: about y [rad].
+        motion: (2,) [m] of its middle along x and z of C, and twist: about y [rad].
         deviation: of each component of the motion [m].
+        middle: (2,) [m] place of its middle along x and z of C.
+        twist_deviation: of the twist [rad].
     """
 
     motion: Array
     twist: float
     deviation: float
+    middle: Array = np.zeros(2)
+    twist_deviation: float = TRUST_TURN
 
 
 def dragged(membrane: Membrane, free: Image, depth: Image, ir: Image, patch: Mask) -> Dragged | None:
@@ -71,34 +83,45 @@ def dragged(membrane: Membrane, free: Image, depth: Image, ir: Image, patch: Mas
     few = slice(None, None, max(v.size // SEARCHED, 1))
     seen, pictures = FreeMembrane(membrane, points), (coarse(free), normalised(free))
     broad = coarse(ir)[v, u]
-    x, deviation, alike = _refined(seen, pictures, (broad, fine), np.zeros(6))
+    x, deviations, alike = _refined(seen, pictures, (broad, fine), np.zeros(6))
     if alike < SURE:
         start = _searched(FreeMembrane(membrane, points[few]), pictures[0], broad[few])
-        x, deviation, alike = max((x, deviation, alike), _refined(seen, pictures, (broad, fine), start), key=_alike)
+        x, deviations, alike = max((x, deviations, alike), _refined(seen, pictures, (broad, fine), start), key=_alike)
     if alike < ALIKE or float(np.abs(x[:2]).max()) > REACH:
         return None
-    return Dragged(x[:2].copy(), float(x[2]), float(np.hypot(deviation, TRUST)))
+    way, turn = np.hypot(deviations, (TRUST, TRUST_TURN))
+    return Dragged(x[:2].copy(), float(x[2]), float(way), seen.middle, float(turn))
 
 
 class GraspZero(NamedTuple):
     """Where the tool was when its grasp was taken, from where it would be without load.
 
     Attributes:
-        motion: (2,) [m] along x and z of C, and deviation: of each [m].
+        motion: (2,) [m] along x and z of C of the patches' middle, and deviation: of each [m].
         words: '' where nothing was dragged; else what was seen, or why it could not be.
         loaded: whether the grasp was under load, as far as one sees.
+        twist, twist_deviation: [rad] about y of C, and middle: (2,) [m] of the patches along x and z of C.
     """
 
     motion: Array
     deviation: float
     words: str = ""
     loaded: bool = False
+    twist: float = 0.0
+    twist_deviation: float = 0.0
+    middle: Array = np.zeros(2)
 
-    @property
-    def shift(self) -> Array:
-        """(3,) [m] in C that deflections of this grasp lack; zero where it is not under load."""
-        x, z = self.motion if self.loaded else (0.0, 0.0)
-        return np.array((x, 0.0, z))
+    def motion_since_free(self, goes: Array | float = 1.0, turns: float = 1.0) -> Array:
+        """(4, 4) in C, which deflections of this grasp lack; none where it is not under load.
+
+        goes, turns: share of the shift (3,) and of the turn, of what goes along with the tool in part.
+        """
+        if not self.loaded:
+            return np.eye(4)
+        (x, z), (t_x, t_z) = self.middle, self.motion
+        turn = make_pose(so3_exp(np.array((0.0, turns * self.twist, 0.0))))
+        there, shift = np.array((x - t_x, 0.0, z - t_z)), np.array((t_x, 0.0, t_z))
+        return make_pose(turn[:3, :3], there + goes * shift - turn[:3, :3] @ there)
 
     @property
     def covariance(self) -> Array:
@@ -106,6 +129,9 @@ class GraspZero(NamedTuple):
         variance = np.zeros(6)
         if self.loaded:
             variance[[3, 5]] = self.deviation**2 + np.square(MISJUDGED * self.motion)
+            if self.twist:
+                variance[1] = self.twist_deviation**2 + (MISJUDGED_TURN * self.twist) ** 2
+                variance[[3, 5]] += variance[1] * np.square(self.middle[::-1])
         return np.diag(variance)
 
 
@@ -115,32 +141,51 @@ def grasp_zero(fingers: Mapping[str, Dragged | None]) -> GraspZero:
     if not seen:
         unknown = "whether the grasp was under load cannot be told: its dots are not those of the free bubble"
         return GraspZero(np.zeros(2), 0.0, unknown)
-    motions = np.array([d.motion for d in seen.values()])
-    motion, apart = motions.mean(axis=0), motions - motions.mean(axis=0)
-    deviation = float(np.sqrt(np.mean([d.deviation**2 for d in seen.values()]) + np.square(apart).mean()))
-    x, z = 1e3 * motion
+    motion, deviation = _together([d.motion for d in seen.values()], [d.deviation for d in seen.values()])
+    turn, turn_deviation = _together([d.twist for d in seen.values()], [d.twist_deviation for d in seen.values()])
+    (x, z), twist = 1e3 * motion, float(turn)
     way = f"x {x:+.1f}, z {z:+.1f} +- {1e3 * deviation:.1f} mm in C"
-    if len(fingers) < 2 or length(motion) < CLEAR * deviation:  # one bubble that is pressed aside looks the same
+    moved, turned = length(motion) >= CLEAR * deviation, abs(twist) >= CLEAR * turn_deviation
+    if turned:
+        way += f", and turned about its y by {np.rad2deg(twist):+.1f} +- {np.rad2deg(turn_deviation):.1f} degrees"
+    if len(fingers) < 2 or not (moved or turned):  # one bubble that is pressed aside looks the same
         return GraspZero(motion, deviation)
     if len(seen) < len(fingers):
         dots = f"the {next(iter(seen))} membrane is dragged by {way}, and the other one's dots are not found"
         return GraspZero(motion, deviation, f"whether the grasp was under load cannot be told: {dots}")
-    return GraspZero(motion, deviation, f"the tool hangs or is pressed: the membranes are dragged by {way}", True)
+    words, middle = f"the tool hangs or is pressed: the membranes are dragged by {way}", _middle(seen.values())
+    return GraspZero(motion, deviation, words, True, twist if turned else 0.0, turn_deviation, middle)
+
+
+def _together(values: Sequence[Array] | Sequence[float], deviations: Sequence[float]) -> tuple[Array, float]:
+    """Mean over the fingers, and the deviation of each component: their own, and by what they differ."""
+    each = np.array(values)
+    mean = each.mean(axis=0)
+    return mean, float(np.sqrt(np.mean(np.square(deviations)) + np.square(each - mean).mean()))
+
+
+def _middle(seen: Iterable[Dragged]) -> Array:
+    return np.asarray(np.mean([d.middle for d in seen], axis=0))
 
 
 class FreeMembrane:
-    """Where the material that is seen at points of the patch lay on the free membrane, in the reference's image."""
+    """Where the material that is seen at points of the patch lay on the free membrane, in the reference's image.
+
+    Attributes:
+        middle: (2,) [m] mean of these points along x and z of C.
+    """
 
     def __init__(self, membrane: Membrane, points: Array) -> None:
         """points: (N, 3) of the patch in C [m]."""
         self._camera, self._rest, self._X_XC = membrane.camera, membrane.rest[..., 0], inverse_pose(membrane.X_CX)
         self._across, self._y = points[:, ::2], points[:, 1]
-        self._middle = self._across.mean(axis=0)
+        self.middle = self._across.mean(axis=0)
 
     def pixels(self, x: Array) -> Array32:
         """(2, N) [px] for (t_x, t_z [m], twist [rad], stretch along x, along z, and shear [1])."""
-        off = self._across - self._middle
-        turn = np.array(((x[3], x[5] + x[2]), (x[5] - x[2], x[4])))  # about y: x by +z, z by -x
+        off = self._across - self.middle
+        c, s = 1.0 - np.cos(x[2]), np.sin(x[2])
+        turn = np.array(((x[3] + c, x[5] + s), (x[5] - s, x[4] + c)))  # about y: x by +z, z by -x
         across = self._across - x[:2] - off @ turn.T
         p = np.stack((across[:, 0], self._y, across[:, 1]), axis=1)
         R, o = self._X_XC[:3, :3], self._X_XC[:3, 3]
@@ -155,24 +200,23 @@ class FreeMembrane:
 
 
 def _searched(seen: FreeMembrane, free: Image, values: Array32) -> Array:
-    """The best motion of a grid, without turn and stretch."""
+    """The best motion and turn of a grid, without stretch."""
     steps = np.arange(-REACH, REACH + 0.5 * STEP, STEP)
     best, found = -1.0, np.zeros(6)
-    for t_x in steps:
-        for t_z in steps:
-            x = np.array((t_x, t_z, 0.0, 0.0, 0.0, 0.0))
-            alike = _correlation(sample(free, seen.pixels(x)), values)
-            if alike > best:
-                best, found = alike, x
+    for t_x, t_z, turn in product(steps, steps, TURNS):
+        x = np.array((t_x, t_z, turn, 0.0, 0.0, 0.0))
+        alike = _correlation(sample(free, seen.pixels(x)), values)
+        if alike > best:
+            best, found = alike, x
     return found
 
 
 def _refined(
     seen: FreeMembrane, pictures: tuple[Image, Image], values: tuple[Array32, Array32], x: Array
-) -> tuple[Array, float, float]:
-    """Gauss-Newton on the coarse, then the fine picture: motion, its deviation [m], and how alike the dots are."""
+) -> tuple[Array, tuple[float, float], float]:
+    """Gauss-Newton on the coarse, then the fine picture: motion, deviations [m], [rad], and how alike the dots are."""
     way, turn = ANYWHERE
-    prior, deviation = np.diag((way**-2, way**-2, turn**-2, *(STRETCH**-2,) * 3)), 0.0
+    prior, deviations = np.diag((way**-2, way**-2, turn**-2, *(STRETCH**-2,) * 3)), ANYWHERE
     for free, value in zip(pictures, values, strict=True):
         for _ in range(_ITERATIONS):
             r = sample(free, seen.pixels(x)) - value
@@ -182,13 +226,14 @@ def _refined(
             w = _ALONE / np.square(s) / (1.0 + np.square(r / (2.0 * s)))
             H = (J * w) @ J.T + prior
             change = np.linalg.solve(H, (J * w) @ r + prior @ x)
-            x, deviation = x - change, float(np.sqrt(np.linalg.inv(H).diagonal()[:2].mean()))
+            x, variance = x - change, np.linalg.inv(H).diagonal()
+            deviations = float(np.sqrt(variance[:2].mean())), float(np.sqrt(variance[2]))
             if float(np.abs(change[:2]).max()) < _DONE:
                 break
-    return x, deviation, _correlation(sample(pictures[1], seen.pixels(x)), values[1])
+    return x, deviations, _correlation(sample(pictures[1], seen.pixels(x)), values[1])
 
 
-def _alike(found: tuple[Array, float, float]) -> float:
+def _alike(found: tuple[Array, tuple[float, float], float]) -> float:
     return found[2]
 
 
