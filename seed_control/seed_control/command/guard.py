@@ -15,6 +15,7 @@ from seed_core.spatial import length, rpy_from_rotation
 from seed_core.vector3 import Vector3, as_vector3
 
 _IMAGES = 3  # in a row that must agree on an overload
+_AGO = 1.0  # [s] for which it knows the way back to where nothing was in the way
 _SWAYS = 0.5  # of the tool's weight, that it presses with as the arm starts and stops
 
 
@@ -37,7 +38,8 @@ class Guard:
         self.enabled = False
         self._too_far = self._pressed = 0  # images in a row
         self._directions, self._least_across = 0, inf  # [N] across the force directions, the least since they are so
-        self._free: Vector3 | None = None  # place of C [m] in the last image that showed less than half of too much
+        # Stamp [s] and place of C [m] of the last image that showed less than half of too much.
+        self._free: tuple[float, Vector3] | None = None
         self.back_to: Vector3 | None = None
         self.free_travel = FreeTravel(parameters.max_free_travel, stopping)
         self.displacement_travel = DisplacementTravel(
@@ -109,9 +111,10 @@ class Guard:
         bound = most + wanted + _SWAYS * weight
         self._pressed = self._pressed + 1 if rise > bound else 0
         if rise < 0.5 * bound:
-            self._free = as_vector3(m.X_WC[:3, 3])
+            self._free = m.stamp, as_vector3(m.X_WC[:3, 3])
         if self._pressed >= _IMAGES and self.following:
-            self.back_to = None if len(N) else self._free
+            if not len(N) and self._free is not None and m.stamp - self._free[0] < _AGO:
+                self.back_to = self._free[1]
             self.hold(
                 f"the tool is pressed with {rise:.1f} N where no force is wanted, beyond max_unexpected_force = "
                 f"{most:g} N: something is in its way; move it off, or control the force there"
