@@ -316,7 +316,7 @@ def test_a_silent_camera_is_named_and_the_rest_goes_on_when_it_is_back(bench: Be
 
 
 def test_after_a_slip_nothing_is_valid_until_the_grasp_is_taken_anew(bench: Bench, renderer: Any) -> None:
-    rig = Rig(bench, renderer, **QUICK).grasped()
+    rig = Rig(bench, renderer, loaded_grasp="ignore", **QUICK).grasped()  # the rendered membranes stay dragged
     rig.node.core._tracker.gross_slip = True  # test_gross.py has slips that raise it
     rig.X_CT = pose_from_rpy((0.0, 0.05, 0.0), (0.001, 0.0, 0.004))
     assert rig.reason("initialize the grasp again")
@@ -326,7 +326,7 @@ def test_after_a_slip_nothing_is_valid_until_the_grasp_is_taken_anew(bench: Benc
     rig.poses.clear()
     assert bench.until(lambda: rig.poses and rig.poses[-1].valid)
     assert not rig.poses[-1].gross_slip
-    assert np.abs(pose_to_matrix(rig.poses[-1].pose.pose) - np.eye(4)).max() < 0.005  # T is C where it has slid to
+    assert np.abs(pose_to_matrix(rig.poses[-1].pose.pose) - np.eye(4)).max() < 0.002  # T is C where it has slid to
 
 
 def out_of_step(finger: str, kind: str, message: Image) -> Image:
