@@ -6,20 +6,21 @@ along the axis y of C, and nothing sideways. A tool that hangs from the grasp, o
 dots along x and z by load over stiffness: the zero is wrong by that much. The dots of the free membrane, which the
 reference shows, and those in the patch tell how far.
 
-A tool whose weight hangs beside the grasp has turned it as well, about y most of all, on which it is hinged.
+A tool whose weight hangs beside the grasp has turned it as well: about y, on which it is hinged, both patches turn
+alike; about x or z the two are dragged in opposite directions, by the turn times their distance.
 
 A point q of the patch shows material that was at p on the free membrane: its place across y is that of q, less the
 motion (t_x, t_z), a turn about y and the patch's stretch, which are searched for; its height is the free membrane's.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from itertools import product
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from seed_core.spatial import Array, inverse_pose, length, make_pose, so3_exp
+from seed_core.spatial import Array, cross, inverse_pose, length, make_pose, skew, so3_exp
 from seed_estimation.contact.membrane import Membrane
 from seed_estimation.contact.surface import surface
 from seed_estimation.images.normalise import coarse, normalised
@@ -34,12 +35,15 @@ ALIKE, SURE = 0.6, 0.85  # [1] correlation from which on the dots may be the sam
 TRUST = 1e-4  # [m] standard deviation that a good match still has: the membrane need not go in straight
 TRUST_TURN = 0.005  # [rad] likewise, of the turn
 CLEAR = 2.5  # deviations from which on a motion counts
-MISJUDGED, MISJUDGED_TURN = (
-    0.1,
-    0.25,
-)  # [1] of a motion, and of a turn, standard deviation of what micro-slip makes of it
+MISJUDGED = 0.1  # [1] of a motion, standard deviation of what micro-slip makes of it
+MISJUDGED_TURN = np.array((0.1, 0.25, 0.1))  # [1] likewise, of a turn
+MOST_TURN = 0.2  # [rad] about x or z: fingers that differ by more are not dragged by one tool
+PIVOT = 0.001  # [m] deviation, across y, of the point about which a tool turned from the patches' middle
+NARROW = 0.001  # [m] least distance of the patches
 STRETCH = 0.05  # [1] deviation of the patch's stretch
 ANYWHERE = 0.1, 1.0  # [m], [rad] deviations of motion and twist before a dot is seen: they hold what shows none
+NO_TURN = np.zeros(3)
+UNTOLD = "whether the grasp was under load cannot be told"
 _ITERATIONS = 12
 _FIRM = np.diag((1e-4, 1e-4, 5e-3, 5e-3, 5e-3, 5e-3))  # steps of the numerical Jacobian: [m], [m], [rad], [1]
 _ALONE = 1.0 / 6.0  # of neighbouring residuals counts as independent
@@ -52,14 +56,14 @@ class Dragged(NamedTuple):
     Attributes:
         motion: (2,) [m] of its middle along x and z of C, and twist: about y [rad].
         deviation: of each component of the motion [m].
-        middle: (2,) [m] place of its middle along x and z of C.
+        middle: (3,) [m] place of its middle in C.
         twist_deviation: of the twist [rad].
     """
 
     motion: Array
     twist: float
     deviation: float
-    middle: Array = np.zeros(2)
+    middle: Array
     twist_deviation: float = TRUST_TURN
 
 
@@ -100,16 +104,17 @@ class GraspZero(NamedTuple):
         motion: (2,) [m] along x and z of C of the patches' middle, and deviation: of each [m].
         words: '' where nothing was dragged; else what was seen, or why it could not be.
         loaded: whether the grasp was under load, as far as one sees.
-        twist, twist_deviation: [rad] about y of C, and middle: (2,) [m] of the patches along x and z of C.
+        turn, turn_deviation: (3,) [rad] about the axes of C; 0, 0 of one that is not turned.
+        middle: (3,) [m] of the patches, in C.
     """
 
     motion: Array
     deviation: float
     words: str = ""
     loaded: bool = False
-    twist: float = 0.0
-    twist_deviation: float = 0.0
-    middle: Array = np.zeros(2)
+    turn: Array = NO_TURN
+    turn_deviation: Array = NO_TURN
+    middle: Array = np.zeros(3)
 
     def motion_since_free(self, goes: Array | float = 1.0, turns: float = 1.0) -> Array:
         """(4, 4) in C, which deflections of this grasp lack; none where it is not under load.
@@ -118,72 +123,103 @@ class GraspZero(NamedTuple):
         """
         if not self.loaded:
             return np.eye(4)
-        (x, z), (t_x, t_z) = self.middle, self.motion
-        turn = make_pose(so3_exp(np.array((0.0, turns * self.twist, 0.0))))
-        there, shift = np.array((x - t_x, 0.0, z - t_z)), np.array((t_x, 0.0, t_z))
-        return make_pose(turn[:3, :3], there + goes * shift - turn[:3, :3] @ there)
+        R, shift = so3_exp(turns * self.turn), self._shift
+        there = self.middle - shift
+        return make_pose(R, there + goes * shift - R @ there)
 
     @property
     def covariance(self) -> Array:
-        """(6, 6) of [rotation vector, translation] that a shift brings with it."""
-        variance = np.zeros(6)
-        if self.loaded:
-            variance[[3, 5]] = self.deviation**2 + np.square(MISJUDGED * self.motion)
-            if self.twist:
-                variance[1] = self.twist_deviation**2 + (MISJUDGED_TURN * self.twist) ** 2
-                variance[[3, 5]] += variance[1] * np.square(self.middle[::-1])
-        return np.diag(variance)
+        """(6, 6) of [rotation vector, translation] that a shift and a turn about the middle bring with them."""
+        if not self.loaded:
+            return np.zeros((6, 6))
+        of_turn = np.square(self.turn_deviation) + np.square(MISJUDGED_TURN * self.turn)
+        J = np.vstack((np.eye(3), skew(self.middle)))
+        covariance: Array = (J * of_turn) @ J.T
+        of_shift = np.array((self.deviation, 0.0, self.deviation)), MISJUDGED * self._shift
+        along_y = cross(self.turn, self._shift)[1], PIVOT * length(self.turn[::2])
+        covariance[3:, 3:] += np.diag(np.square(of_shift).sum(axis=0))
+        covariance[4, 4] += np.square(
+            along_y
+        ).sum()  # the dots do not show it: neither the order nor the pivot is known
+        return covariance
+
+    @property
+    def _shift(self) -> Array:
+        return np.array((self.motion[0], 0.0, self.motion[1]))
 
 
 def grasp_zero(fingers: Mapping[str, Dragged | None]) -> GraspZero:
-    """What the patches of all fingers say together: a load drags both alike, so one alone tells nothing of it."""
+    """What the patches of all fingers say together: a load drags both, so one alone tells nothing of it."""
     seen = {f: d for f, d in fingers.items() if d is not None}
     if not seen:
-        unknown = "whether the grasp was under load cannot be told: its dots are not those of the free bubble"
-        return GraspZero(np.zeros(2), 0.0, unknown)
-    motion, deviation = _together([d.motion for d in seen.values()], [d.deviation for d in seen.values()])
-    turn, turn_deviation = _together([d.twist for d in seen.values()], [d.twist_deviation for d in seen.values()])
-    (x, z), twist = 1e3 * motion, float(turn)
-    way = f"x {x:+.1f}, z {z:+.1f} +- {1e3 * deviation:.1f} mm in C"
-    moved, turned = length(motion) >= CLEAR * deviation, abs(twist) >= CLEAR * turn_deviation
-    if turned:
-        way += f", and turned about its y by {np.rad2deg(twist):+.1f} +- {np.rad2deg(turn_deviation):.1f} degrees"
-    if len(fingers) < 2 or not (moved or turned):  # one bubble that is pressed aside looks the same
+        return GraspZero(np.zeros(2), 0.0, f"{UNTOLD}: its dots are not those of the free bubble")
+    if len(seen) < 2:
+        return _of_one(next(iter(seen)), next(iter(seen.values())), len(fingers) > 1)
+    return _of_both(seen)
+
+
+def _of_one(finger: str, seen: Dragged, other: bool) -> GraspZero:
+    """Of one finger; one bubble that is pressed aside looks the same. other: whether there is another one, unseen."""
+    turned = abs(seen.twist) >= CLEAR * seen.twist_deviation
+    if not other or not (turned or length(seen.motion) >= CLEAR * seen.deviation):
+        return GraspZero(seen.motion, seen.deviation)
+    about_y = np.array((0.0, float(turned), 0.0))
+    way = _way(seen.motion, seen.deviation, about_y * seen.twist, about_y * seen.twist_deviation)
+    dots = f"the {finger} membrane is dragged by {way}"
+    return GraspZero(seen.motion, seen.deviation, f"{UNTOLD}: {dots}, and the other one's dots are not found")
+
+
+def _of_both(seen: Mapping[str, Dragged]) -> GraspZero:
+    """Of two fingers: what both show is shift and twist; their difference, a turn about x and z."""
+    a, b = seen.values()
+    motion, deviation = 0.5 * (a.motion + b.motion), float(np.hypot(a.deviation, b.deviation)) / np.sqrt(2.0)
+    twist, uneven = 0.5 * (a.twist + b.twist), 0.5 * (a.twist - b.twist)
+    apart = a.middle[1] - b.middle[1]
+    apart = np.copysign(max(abs(apart), NARROW), apart)
+    x, z = (a.motion - b.motion) / apart
+    turn = np.array((z, twist, -x))
+    of_twist = np.hypot(np.hypot(a.twist_deviation, b.twist_deviation) / np.sqrt(2.0), uneven)
+    of_turn = np.hypot(a.deviation, b.deviation) / abs(apart)
+    turn_deviation = np.array((of_turn, of_twist, of_turn))
+    turned = np.abs(turn) >= CLEAR * turn_deviation
+    turn, turn_deviation = np.where(turned, turn, 0.0), np.where(turned, turn_deviation, 0.0)
+    if np.abs(turn[::2]).max() > MOST_TURN:
+        ways = " and ".join(f"the {f} membrane by {_way(d.motion, d.deviation)}" for f, d in seen.items())
+        most = max((a, b), key=lambda d: length(d.motion))
+        return GraspZero(most.motion, most.deviation, f"{UNTOLD}: {ways} are dragged, as no tool turns both")
+    if length(motion) < CLEAR * deviation and not turned.any():
         return GraspZero(motion, deviation)
-    if len(seen) < len(fingers):
-        dots = f"the {next(iter(seen))} membrane is dragged by {way}, and the other one's dots are not found"
-        return GraspZero(motion, deviation, f"whether the grasp was under load cannot be told: {dots}")
-    words, middle = f"the tool hangs or is pressed: the membranes are dragged by {way}", _middle(seen.values())
-    return GraspZero(motion, deviation, words, True, twist if turned else 0.0, turn_deviation, middle)
+    way = _way(motion, deviation, turn, turn_deviation)
+    words = f"the tool hangs or is pressed: the membranes are dragged by {way}"
+    return GraspZero(motion, deviation, words, True, turn, turn_deviation, 0.5 * (a.middle + b.middle))
 
 
-def _together(values: Sequence[Array] | Sequence[float], deviations: Sequence[float]) -> tuple[Array, float]:
-    """Mean over the fingers, and the deviation of each component: their own, and by what they differ."""
-    each = np.array(values)
-    mean = each.mean(axis=0)
-    return mean, float(np.sqrt(np.mean(np.square(deviations)) + np.square(each - mean).mean()))
-
-
-def _middle(seen: Iterable[Dragged]) -> Array:
-    return np.asarray(np.mean([d.middle for d in seen], axis=0))
+def _way(motion: Array, deviation: float, turn: Array = NO_TURN, turn_deviation: Array = NO_TURN) -> str:
+    """In words, for a person."""
+    x, z = 1e3 * motion
+    way = f"x {x:+.1f}, z {z:+.1f} +- {1e3 * deviation:.1f} mm in C"
+    for axis, angle, sigma in zip("xyz", np.rad2deg(turn), np.rad2deg(turn_deviation), strict=True):
+        if angle:
+            way += f", and turned about its {axis} by {angle:+.1f} +- {sigma:.1f} degrees"
+    return way
 
 
 class FreeMembrane:
     """Where the material that is seen at points of the patch lay on the free membrane, in the reference's image.
 
     Attributes:
-        middle: (2,) [m] mean of these points along x and z of C.
+        middle: (3,) [m] mean of these points, in C.
     """
 
     def __init__(self, membrane: Membrane, points: Array) -> None:
         """points: (N, 3) of the patch in C [m]."""
         self._camera, self._rest, self._X_XC = membrane.camera, membrane.rest[..., 0], inverse_pose(membrane.X_CX)
         self._across, self._y = points[:, ::2], points[:, 1]
-        self.middle = self._across.mean(axis=0)
+        self.middle: Array = points.mean(axis=0)
 
     def pixels(self, x: Array) -> Array32:
         """(2, N) [px] for (t_x, t_z [m], twist [rad], stretch along x, along z, and shear [1])."""
-        off = self._across - self.middle
+        off = self._across - self.middle[::2]
         c, s = 1.0 - np.cos(x[2]), np.sin(x[2])
         turn = np.array(((x[3] + c, x[5] + s), (x[5] - s, x[4] + c)))  # about y: x by +z, z by -x
         across = self._across - x[:2] - off @ turn.T
