@@ -24,7 +24,8 @@ SLIPPED = "the tool has slipped in the grasp: initialize the grasp again"
 LET_GO = 1.0  # [s] without touch, after which the gripper has been empty
 RELEASED = f"no grasp: {NO_TOUCH}, or has not for a while; initialize the grasp again"
 NO_POSE = 0.0524, 0.002  # [rad], [m] deviation of an axis from which on, though tracked, there is no pose to speak of
-UNSURE = 0.1  # [1] deviation of the share of the tool's shift by which the band around its patch goes along
+UNSURE = 0.1  # [1] deviation of the share of a patch's shift by which the band around it goes along
+UNSURE_TURN = 0.15  # [1] likewise, of its turn
 _DOUBT = np.pi  # [rad] or [m]: the deviation of what is not known
 
 
@@ -117,16 +118,24 @@ def from_free(estimate: RelativePoseEstimate, zero: GraspZero) -> RelativePoseEs
     """Counted from where the tool would have been without load when its grasp was taken."""
     if not zero.loaded or not estimate.valid:
         return estimate
-    X, X_band = zero.motion_since_free(), zero.motion_since_free(BAND_GOES, BAND_TURNS)
-    share = np.concatenate((np.full(3, BAND_TURNS), BAND_GOES))
-    of_band = np.outer(share, share) * zero.covariance
-    of_band[3:, 3:] += np.diag(np.square(UNSURE * X[:3, 3]))
+    X = zero.motion_since_free()
     return replace(
         estimate,
         X_CT=estimate.X_CT @ X,
         X_PT=inverse_pose(X) @ estimate.X_PT @ X,
         covariance=estimate.covariance + zero.covariance,
-        membrane=tuple(replace(m, X_CM=m.X_CM @ X_band, covariance=m.covariance + of_band) for m in estimate.membrane),
+        membrane=tuple(_band_from_free(m, zero) for m in estimate.membrane),
+    )
+
+
+def _band_from_free(band: MembraneMotion, zero: GraspZero) -> MembraneMotion:
+    """Likewise of the band around a patch, which goes along with the tool in part."""
+    share = np.concatenate((np.full(3, BAND_TURNS), BAND_GOES))
+    unsure = np.concatenate((UNSURE_TURN * zero.turn, UNSURE * zero.patch_shift(band.finger)))
+    return replace(
+        band,
+        X_CM=band.X_CM @ zero.part_since_free(band.finger, BAND_GOES, BAND_TURNS),
+        covariance=band.covariance + np.outer(share, share) * zero.covariance + np.diag(np.square(unsure)),
     )
 
 

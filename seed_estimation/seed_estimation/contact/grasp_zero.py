@@ -15,6 +15,7 @@ motion (t_x, t_z), a turn about y and the patch's stretch, which are searched fo
 
 from collections.abc import Mapping
 from itertools import product
+from types import MappingProxyType
 from typing import NamedTuple
 
 import cv2
@@ -105,7 +106,7 @@ class GraspZero(NamedTuple):
         words: '' where nothing was dragged; else what was seen, or why it could not be.
         loaded: whether the grasp was under load, as far as one sees.
         turn, turn_deviation: (3,) [rad] about the axes of C; 0, 0 of one that is not turned.
-        middle: (3,) [m] of the patches, in C.
+        middles: (3,) [m] of each finger's patch, in C.
     """
 
     motion: Array
@@ -114,18 +115,34 @@ class GraspZero(NamedTuple):
     loaded: bool = False
     turn: Array = NO_TURN
     turn_deviation: Array = NO_TURN
-    middle: Array = np.zeros(3)
+    middles: Mapping[str, Array] = MappingProxyType({})
 
-    def motion_since_free(self, goes: Array | float = 1.0, turns: float = 1.0) -> Array:
-        """(4, 4) in C, which deflections of this grasp lack; none where it is not under load.
+    @property
+    def middle(self) -> Array:
+        """(3,) [m] of all patches, in C."""
+        return np.asarray(np.mean(list(self.middles.values()), axis=0))
 
-        goes, turns: share of the shift (3,) and of the turn, of what goes along with the tool in part.
-        """
+    def motion_since_free(self) -> Array:
+        """(4, 4) in C of the tool, which deflections of this grasp lack; none where it is not under load."""
         if not self.loaded:
             return np.eye(4)
-        R, shift = so3_exp(turns * self.turn), self._shift
-        there = self.middle - shift
-        return make_pose(R, there + goes * shift - R @ there)
+        R = so3_exp(self.turn)
+        return make_pose(R, self.middle - R @ (self.middle - self._shift))
+
+    def part_since_free(self, finger: str, goes: Array, turns: float) -> Array:
+        """(4, 4) in C of what goes along with a finger's patch by a share (3,) of its shift and a share of its turn."""
+        if not self.loaded:
+            return np.eye(4)
+        shift, R = self.patch_shift(finger), so3_exp(turns * self.turn)
+        before = self.middles[finger] - shift
+        return make_pose(R, before + goes * shift - R @ before)
+
+    def patch_shift(self, finger: str) -> Array:
+        """(3,) [m] in C by which the middle of a finger's patch was dragged; none where it is not under load."""
+        if not self.loaded:
+            return np.zeros(3)
+        after, X = self.middles[finger], inverse_pose(self.motion_since_free())
+        return after - (X[:3, :3] @ after + X[:3, 3])
 
     @property
     def covariance(self) -> Array:
@@ -191,7 +208,7 @@ def _of_both(seen: Mapping[str, Dragged]) -> GraspZero:
         return GraspZero(motion, deviation)
     way = _way(motion, deviation, turn, turn_deviation)
     words = f"the tool hangs or is pressed: the membranes are dragged by {way}"
-    return GraspZero(motion, deviation, words, True, turn, turn_deviation, 0.5 * (a.middle + b.middle))
+    return GraspZero(motion, deviation, words, True, turn, turn_deviation, {f: d.middle for f, d in seen.items()})
 
 
 def _way(motion: Array, deviation: float, turn: Array = NO_TURN, turn_deviation: Array = NO_TURN) -> str:
