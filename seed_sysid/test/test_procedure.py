@@ -122,6 +122,32 @@ def test_an_interrupted_run_goes_on_from_where_the_arm_is() -> None:
     assert command.state in ("moving", "settling", "measuring")
 
 
+@pytest.mark.parametrize(("growth", "ends"), [(-1.0, False), (1.0, True)])
+def test_the_arm_stays_where_it_is_if_the_load_grows_on_the_way_back(growth: float, ends: bool) -> None:
+    """Something presses that should let go: the tool has caught on the fixture, say. growth: [N] each 0.02 s."""
+    procedure = Procedure()
+    run, at, stamp, load = Run(procedure), np.eye(4), 0.0, np.zeros(6)
+    states = []
+    while stamp < 60.0:
+        command = run.step(Reading(stamp, at, load, 0.026))
+        states.append(command.state)
+        at, stamp = command.X_TC, stamp + 0.02
+        if command.state == "failed":
+            break
+        if command.state == "moving" and np.linalg.norm(at[:3, 3]) > 0.002:
+            load = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 1.02 * procedure.limits.force))
+        if command.state in ("drawing back", "retreating"):
+            load = load + (0.0, 0.0, 0.0, 0.0, 0.0, growth)
+        if "retreating" in states and command.state != "retreating":
+            load = np.zeros(6)
+    assert "drawing back" in states
+    assert (command.state == "failed") == ends
+    if ends:
+        assert "on the way to the centre" in command.failure
+        assert load[5] < 1.8 * procedure.limits.force
+        np.testing.assert_array_equal(command.X_TC, at)
+
+
 def test_a_run_knows_nothing_of_what_its_streams_said_before(tmp_path: Path) -> None:
     streams = Streams(X_WE=np.eye(4), pose_stamp=0.0, wrench_stamp=0.0)
     for i in range(5 * MOST):  # a sensor that is not zeroed yet, while nobody identifies anything

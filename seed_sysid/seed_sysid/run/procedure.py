@@ -4,7 +4,7 @@
 At each grip it waits for the gripper, then for each pose: moves there along a straight line at a limited rate, waits
 until the wrench has come to rest, averages, and hands over a sample. Limits are watched on the way and there: when
 the wrench meets one, or the estimator loses the tool, the pose is drawn back and tried once more, later ones go less
-far (`reach`); when the tool slips, the run ends.
+far (`reach`); when the tool slips, or the load goes on growing on the way back, the run ends.
 """
 
 from collections.abc import Collection, Sequence
@@ -13,17 +13,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from seed_core.estimate import MembraneMotion
-from seed_core.spatial import Array, interpolate_pose, so3_log
+from seed_core.spatial import Array, interpolate_pose, length, so3_log
 from seed_sysid.data.dataset import Pose, Sample, flat_pose
 from seed_sysid.data.membrane_sample import mean_membrane, mean_pose
 from seed_sysid.parameters import MotionParameters, Procedure
 from seed_sysid.run.excitation import Target, designs
-from seed_sysid.run.reach import Reach, limit_reached
+from seed_sysid.run.reach import Reach, limit_reached, load_share
 from seed_sysid.run.rest_detector import RestDetector
 from seed_sysid.stiffness_map import wrench_transform
 
 _DRAW_BACK = 0.7  # factor on a pose whose wrench met a limit
 _ATTEMPTS = 3
+_OVERLOAD = 1.5  # times the limits of force and torque, and what was met, at which the way to the centre ends
 _LONGEST = 0.5  # [s] of motion in one step, however far the clock goes on
 _NEVER = 0.001  # least quality of rest that is written; 0 says that nobody knows
 _CENTRE: Pose = (0.0,) * 6
@@ -123,6 +124,7 @@ class Run:
         self._at = np.eye(4) if start is None else start
         self._via: list[Pose] = [] if start is None else [flat_pose(start)]
         self._retreat = False
+        self._met = 1.0  # share of the limits of force and torque at which the way back began
         self._begin: tuple[float, int] | None = None  # stamp, and poses that were done then
         self._stamp: float | None = None
 
@@ -145,6 +147,9 @@ class Run:
         self._stamp = reading.stamp
         self._begin = self._begin or (reading.stamp, self.done)
         lost = self._lost(reading)
+        load = 0.0 if self._tare is None else load_share(self._load(reading), self.procedure.limits)
+        if load > _OVERLOAD * self._met and (self._visit is None or self._retreat or self._visit.target.kind == "home"):
+            return self._overloaded(reading)
         if self._retreat:  # straight to the centre, where every load falls
             self._retreat = not self._approach(np.eye(4), dt) or bool(lost)
             return self._search(reading.stamp, lost) if lost else self._command("retreating")
@@ -163,13 +168,28 @@ class Run:
             return self._command("failed", failure=failure, event=f"{self._visit.target.name}: {reason}", slid=True)
         if self._tare is None:
             self._tare = reading.wrench
-        reason = limit_reached(reading.X_TC, self._to_tool @ (reading.wrench - self._tare), limits)
+        reason = limit_reached(reading.X_TC, self._load(reading), limits)
         reason = reason or lost
         if reason and self._visit.target.kind != "home":
             if lost:
                 self._lost_on.add(self._queue[0])
+            self._met = max(1.0, load)
             return self._draw_back(self._visit, reason)
+        self._met = 1.0
         return self._measure(self._visit, reading, dt)
+
+    def _load(self, reading: Reading) -> Array:
+        """(6,) on the tool, without the sensor's bias."""
+        tare = np.zeros(6) if self._tare is None else self._tare
+        return np.asarray(self._to_tool @ (reading.wrench - tare))
+
+    def _overloaded(self, reading: Reading) -> Command:
+        """The arm stays where it is: something presses on the way to the centre, where every load should fall."""
+        load = self._load(reading)
+        force, torque = length(load[3:]), length(load[:3])
+        reason = f"{force:.1f} N and {torque:.2f} N m on the way to the centre, where the load should fall"
+        failure = f"{reason}: see what the tool or the gripper touches, and move the arm free of it by hand"
+        return self._command("failed", failure=failure, event=reason)
 
     def _command(self, state: str, **more: object) -> Command:
         grip = self._queue[0][0] if self._queue else len(self.procedure.widths) - 1

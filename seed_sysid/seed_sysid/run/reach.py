@@ -97,3 +97,8 @@ def limit_reached(X_TC: Array, wrench: Array, limits: LimitParameters) -> str:
     if torque > limits.torque:
         return f"torque {torque:.2f} N m exceeds limits.torque = {limits.torque:g} N m"
     return ""
+
+
+def load_share(wrench: Array, limits: LimitParameters) -> float:
+    """The larger of force over limits.force and torque over limits.torque, of a wrench (6,)."""
+    return max(float(np.linalg.norm(wrench[3:])) / limits.force, float(np.linalg.norm(wrench[:3])) / limits.torque)
