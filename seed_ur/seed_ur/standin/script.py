@@ -7,11 +7,12 @@ that they stay in the register, and answered "ready" at once.
 """
 
 import re
+import socket
 import time
 
 from seed_core.errors import SeedError
 from seed_ur.pose import checked_pose
-from seed_ur.standin.channel import Channel
+from seed_ur.standin.channel import Channel, Network
 from seed_ur.standin.commands import Commands, Job, PathMove, StepCheck
 from seed_ur.standin.controller import Controller
 
@@ -141,10 +142,17 @@ class OtherProgram:
 
 
 class ScriptChannel(Channel):
-    """A connection to port 30001, 30002 or 30003: a program ends with a line `end` and 10 ms of silence, or with it."""
+    """A connection to port 30001, 30002 or 30003: a program ends with a line `end` and 10 ms of silence, or with it.
+
+    One that was made in local control takes no program in remote control either, as on a UR.
+    """
 
     name = "script"
     _heard = 0.0  # [s] monotonic, when the last bytes came
+
+    def __init__(self, connection: socket.socket, robot: Controller, network: Network) -> None:
+        super().__init__(connection, robot, network)
+        self._read_only = not robot.options.remote_control
 
     def received(self) -> None:
         self._heard = time.monotonic()
@@ -162,7 +170,9 @@ class ScriptChannel(Channel):
     def _upload(self) -> None:
         text = self.buffer.decode("utf-8", "replace")
         self.buffer.clear()
-        if text.lstrip().startswith("sec "):
+        if self._read_only:
+            self.robot.send_text("C210: this connection was made in local control and takes no program")
+        elif text.lstrip().startswith("sec "):
             self.robot.run_beside(text)
         elif text.strip() and (refused := self._take(text)):
             self.robot.send_text(refused)

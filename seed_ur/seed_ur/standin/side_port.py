@@ -18,7 +18,14 @@ from seed_ur.pose import checked_pose, matrix_from_pose
 from seed_ur.standin.channel import Channel, Network
 from seed_ur.standin.controller import TOOL_BIT, Controller
 from seed_ur.standin.options import PERIOD
-from seed_ur.standin.script import CONTROL_SCRIPT, LAST_OFFSET, OtherProgram, Script, register_offset
+from seed_ur.standin.script import (
+    CONTROL_SCRIPT,
+    LAST_OFFSET,
+    OtherProgram,
+    Script,
+    ScriptChannel,
+    register_offset,
+)
 from seed_ur.standin.server import Server
 
 Request: TypeAlias = dict[str, Any]
@@ -96,6 +103,8 @@ def _option(server: Server, request: Request) -> None:
         options.program_on_stop = str(value)
     elif name in ("remote_control", "watchdog_sleeps"):
         setattr(options, name, bool(value))
+        if not options.remote_control:  # a UR closes the connections for programs
+            server.drop(ScriptChannel.name)
     elif name == "speed_slider":
         server.robot.arm.slider = max(0.0, min(1.0, float(value)))  # type: ignore[arg-type]
     elif name == "speed_scaling":
