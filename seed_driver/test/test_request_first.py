@@ -72,6 +72,25 @@ def test_local_control_is_named_on_a_later_request_too(robot) -> None:
         bench.recover()
 
 
+@pytest.mark.parametrize("program", ["checked", "ur_rtde"])
+def test_local_control_in_between_needs_one_request_only(robot, program: str) -> None:
+    """A UR closes the connections for programs then, and ur_rtde has one for ever."""
+    with FaultBench(robot=robot, robot_program=program) as bench:
+        bench.ready()
+        pid = bench.supervisor.pid
+        robot.ask("option", name="remote_control", value=False)
+        robot.ask("pendant_stop")
+        bench.wait(lambda s: not s.armed, 2.0, "report")
+        bench.run(0.2)
+        robot.ask("option", name="remote_control", value=True)
+        bench.run(0.2)
+        before = uploads(robot)
+        reply = bench.ask("start", timeout=3.0)
+        assert reply.ok, reply.text
+        assert bench.supervisor.pid == pid
+        assert uploads(robot) == before + 1
+
+
 def test_a_wrong_model_is_said_once_and_nothing_is_uploaded() -> None:
     with FaultBench("--model", "ur10e") as bench:
         bench.wait(lambda s: "model ur5e puts the flange" in s.reason, 10.0, "model named")

@@ -4,9 +4,6 @@
 Every call of ur_rtde may block; the node watches the heartbeat and kills the process if so.
 """
 
-import contextlib
-import os
-import socket
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -17,6 +14,7 @@ from seed_driver.config import DriverConfig
 from seed_driver.process.shared_memory import Modes, RobotState
 from seed_driver.robot import link, registers, rtde_client, tcp_and_payload
 from seed_driver.robot.link import LinkError
+from seed_driver.robot.own_sockets import ScriptConnection, send_at_once
 from seed_driver.robot.program import program, program_file
 from seed_driver.robot.state_checks import check_state
 from seed_driver.robot.tcp_and_payload import TcpAndPayload
@@ -62,6 +60,7 @@ class Robot:
         self.states = rtde_client.follow_outputs(config.robot_ip, STATES, self.rate, tcp_and_payload.OUTPUTS)
         self.offset = registers.offset(config.registers, self.version)
         self.control: Any = None
+        self._script = ScriptConnection()  # of the control interface, once there is one
         self.ours = False  # the program that plays, if one does
         self.tool: TcpAndPayload | None = None  # what the robot is to have while our program runs
         self._taken_until = 0.0  # [s] monotonic, until when it may not have taken it yet
@@ -185,6 +184,7 @@ class Robot:
         flags = (NO_WAIT if checked else UPLOAD) | (UPPER_REGISTERS if self.offset else 0) | NO_EXTERNAL_SENSOR
         rate = min(self.rate, CONTROL_RATE)
         self.control = self._control_class(self.config.robot_ip, rate, flags, CAP_PORT, OUR_PRIORITY)
+        self._script = ScriptConnection()
         if checked:
             self.control.setCustomScriptFile(program_file(program(self.version, self.offset)))  # sends it, too
 
@@ -200,6 +200,7 @@ class Robot:
         left = rtde_client.command_register(self.config.robot_ip, registers.command(self.offset))
         if left not in (0, None):
             raise LinkError(f"command register still holds {left}; the program is not sent again, restart the driver")
+        self._script.renew(self.config.robot_ip)
         self.control.reuploadScript()
 
     def _wait_until_playing(self) -> None:
@@ -322,18 +323,3 @@ def require(done: bool, what: str) -> None:
     """Raise LinkError unless the robot has done what it was asked for."""
     if not done:
         raise LinkError(f"the robot does not {what}; look at the pendant")
-
-
-def send_at_once(port: int) -> None:
-    """Have no connection of this process to a `port` hold small packages back until the last one is acknowledged.
-
-    ur_rtde leaves that on (Nagle's algorithm): its commands would wait for the next package of data from the robot.
-    """
-    for name in os.listdir("/proc/self/fd"):
-        with contextlib.suppress(OSError):  # no socket, or not connected
-            connection = socket.socket(fileno=int(name))
-            try:
-                if connection.family == socket.AF_INET and connection.getpeername()[1] == port:
-                    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            finally:
-                connection.detach()

@@ -10,10 +10,10 @@ import time
 from collections.abc import Callable
 
 from seed_driver.robot.link import LinkError
+from seed_driver.robot.own_sockets import SCRIPT_PORT
 from seed_driver.robot.rtde_client import ONCE, RtdeClient, hold_inputs
 from seed_ur import rtde
 
-SCRIPT_PORT = 30003
 OUTPUT = rtde.Recipe.of(("tool_digital_output_mask", "tool_digital_output"), rtde.INPUTS)
 FIRST_BIT = 16  # of the tool's outputs, in actual_digital_output_bits
 VOLTAGES = (0, 12, 24)  # [V]
