@@ -133,7 +133,7 @@ class Session:
     def take_back(self, s: RobotState) -> None:
         """Command what is: the pose of this state, unless our model says that the arm is elsewhere."""
         if self._off_model(s) <= MODEL_TOLERANCE:
-            self.motion.restart(s)
+            self.motion.restart(s if self.robot is None else self.robot.meant(s))
 
     # the robot's clock, which that of a simulation shows to run slower than ours
     def held_back(self, now: float) -> float:
@@ -214,12 +214,12 @@ class Session:
         return dist(s.p, self.motion.arm.forward(s.q)[:3, 3])
 
     def _begin(self, robot: Robot) -> None:
-        """Command what is: the pose where the arm stands now."""
+        """Command what is: the pose where the robot has the standing arm."""
         self.clock = robot.timestamp
         self.watch.restart(self.clock, time.monotonic())
         self.sample = s = robot.sample()
         self._require_model(s)
-        self.motion.restart(s)
+        self.motion.restart(robot.meant(s))
         self.path.restart(self.clock, s.speed_scaling)
         self.running = True
 

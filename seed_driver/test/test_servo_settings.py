@@ -13,6 +13,7 @@ from seed_core.arm.quaternion import inverse, rotate, turned
 from seed_driver.config import DriverConfig
 from seed_driver.process.shared_memory import Stage
 from seed_driver.process.supervisor import Supervisor
+from seed_driver.robot.program import AT_REST
 from seed_testing.fault_bench.bench import STEP, FaultBench, leftover_processes
 from seed_ur.kinematics import URKinematics
 from seed_ur.plant_link import PlantLink
@@ -159,3 +160,25 @@ def test_closing_leaves_the_robot_at_rest_and_no_process() -> None:
         assert bench.motion(start)[-1, 4] < 1e-3
     assert leftover_processes(os.getpid()) == others
     assert len(os.listdir("/proc/self/fd")) == descriptors
+
+
+@pytest.mark.parametrize("tcp", [(0.0,) * 6, (0.0, 0.01, 0.15, 0.0, 0.0, 0.3)])
+def test_an_arm_that_stands_off_its_target_starts_and_does_not_creep(tcp: tuple[float, ...]) -> None:
+    """Friction and load hold the joints off by 0.8 mrad, more than the program lets a resting arm step."""
+    with FaultBench(tcp=tcp) as bench:
+        bench.ready()
+        bench.robot.ask("option", name="servo_error", value=AT_REST + 0.0003)
+        bench.run(0.3)
+        stood = bench.robot.ask("state")["tcp_pose"]
+        for _ in range(3):
+            bench.robot.ask("pendant_stop")
+            bench.wait(lambda s: not s.armed, 2.0, "report")
+            bench.run(0.2)
+            bench.recover()
+            bench.run(0.3)
+        assert_allclose(bench.robot.ask("state")["tcp_pose"], stood, atol=2e-5)
+        (x, y, z), q = bench.state.command
+        bench.follow(lambda t: ((x, y, z + 0.02 * min(1.0, t)), q))
+        bench.run(1.5)
+        assert bench.state.armed, bench.state.reason
+        assert_allclose(bench.robot.ask("state")["tcp_pose"][2], stood[2] + 0.02, atol=1e-3)

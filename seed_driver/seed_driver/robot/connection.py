@@ -6,10 +6,18 @@ Every call of ur_rtde may block; the node watches the heartbeat and kills the pr
 
 import time
 from collections.abc import Mapping, Sequence
+from math import dist
 from typing import Any
 
-from seed_core.arm.quaternion import Quaternion, from_rotation_vector, multiply, rotate, rotation_vector
-from seed_core.vector3 import Vector3
+from seed_core.arm.quaternion import (
+    Quaternion,
+    from_rotation_vector,
+    multiply,
+    rotate,
+    rotation_vector,
+    turn_between,
+)
+from seed_core.vector3 import Vector3, norm
 from seed_driver.config import DriverConfig
 from seed_driver.process.shared_memory import Modes, RobotState
 from seed_driver.robot import link, registers, rtde_client, tcp_and_payload
@@ -22,6 +30,7 @@ from seed_ur import rtde
 
 STATES = (
     "timestamp", "actual_q", "actual_qd", "actual_current", "actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force",
+    "target_q", "target_TCP_pose",
     "robot_mode", "safety_mode", "runtime_state", "safety_status_bits", "speed_scaling", "target_speed_fraction",
     *tcp_and_payload.OUTPUTS,  # of the controllers that know them
 )  # fmt: skip
@@ -30,6 +39,7 @@ TAKING = 1.0  # [s] from sending TCP and payload to states that show them
 SHORTLY = 0.01  # [s] that servo commands may wait for them
 PARTING = 0.05  # [s] between the ends of the two connections to a controller that is gone
 CLEARING = 0.2  # [s] from the answer to an unlock to states without the stop
+HELD_OFF, TURNED_OFF = 0.005, 0.02  # [m], [rad] by which friction and load may hold a standing arm off its target
 NEXT_TO_ZERO = 1e-6  # [m] of a centre of mass
 INERTIA = (5, 11)  # first PolyScope that is told of it: neither our program nor ur_rtde's does so on CB3
 UPLOAD, UPPER_REGISTERS, NO_WAIT, NO_EXTERNAL_SENSOR = 1, 8, 16, 64  # ur_rtde's flags
@@ -109,15 +119,9 @@ class Robot:
         check_state(v)
         self._good = v
         self.ours &= v["runtime_state"] not in link.ENDED
-        (*p_tcp, rx, ry, rz), twist = v["actual_TCP_pose"], v["actual_TCP_speed"]
-        x, y, z = p_tcp
-        p, q = (x, y, z), from_rotation_vector((rx, ry, rz))
-        wrench = v["actual_TCP_force"]
-        if any(tcp := self.tcp):
-            p_tcp, (qx, qy, qz, qw) = _split(tcp)
-            q = multiply(q, (-qx, -qy, -qz, qw))
-            ax, ay, az = rotate(q, p_tcp)  # from flange to TCP, in base
-            p = x - ax, y - ay, z - az
+        twist, wrench = v["actual_TCP_speed"], v["actual_TCP_force"]
+        p, q, (ax, ay, az) = self._flange(v["actual_TCP_pose"])
+        if any(self.tcp):
             vx, vy, vz, wx, wy, wz = twist
             if not rtde.force_is_at_flange(self.version):
                 fx, fy, fz, tx, ty, tz = wrench
@@ -134,6 +138,28 @@ class Robot:
             modes=Modes(v["robot_mode"], v["safety_mode"], v["runtime_state"], v["safety_status_bits"]),
             speed_scaling=v["speed_scaling"] * v["target_speed_fraction"],
         )
+
+    def _flange(self, tcp_pose: Sequence[float]) -> tuple[Vector3, Quaternion, Vector3]:
+        """Position and rotation of the flange for a pose vector of the TCP, and the way from it to the TCP, in base."""
+        (x, y, z), q = _split(tcp_pose)
+        if not any(tcp := self.tcp):
+            return (x, y, z), q, (0.0, 0.0, 0.0)
+        p_tcp, (qx, qy, qz, qw) = _split(tcp)
+        q = multiply(q, (-qx, -qy, -qz, qw))
+        ax, ay, az = rotate(q, p_tcp)
+        return (x - ax, y - ay, z - az), q, (ax, ay, az)
+
+    def meant(self, s: RobotState) -> RobotState:
+        """The state with the joints and pose that the robot's own controller has for its target; else `s` itself.
+
+        A standing arm is held off its target a little by friction and load. The program compares a command with the
+        target, and a command of where the arm is would move the target by as much, at every start.
+        """
+        try:
+            (p, q, _), joints = self._flange(self._good["target_TCP_pose"]), self._good["target_q"]
+        except (KeyError, ValueError, ZeroDivisionError):
+            return s
+        return where_meant(s, s._replace(q=joints, p=p, orientation=q))
 
     def start_program(self) -> None:
         """Get our control script running with nothing in the command register; raises LinkError."""
@@ -312,6 +338,13 @@ class Robot:
         if self.control is not None:
             self.control.servoStop()
             self.control.stopScript()
+
+
+def where_meant(s: RobotState, target: RobotState) -> RobotState:
+    """A state with the target's joints and pose; `s` where the arm is further from them than friction and load do."""
+    near = dist(target.p, s.p) <= HELD_OFF and norm(turn_between(target.orientation, s.orientation)) <= TURNED_OFF
+    near &= all(abs(a - b) <= TURNED_OFF for a, b in zip(target.q, s.q, strict=True))
+    return target if near else s
 
 
 def _split(pose: Sequence[float]) -> tuple[Vector3, Quaternion]:

@@ -15,6 +15,7 @@ from seed_core.vector3 import Vector3
 from seed_driver.config import DriverConfig
 from seed_driver.process.cycle_timing import Deadlines
 from seed_driver.process.shared_memory import Modes, RobotState, SharedMemory, TargetSlot
+from seed_driver.robot.connection import where_meant
 from seed_driver.robot.tcp_and_payload import TcpAndPayload
 from seed_driver.servo import ServoProcess
 from seed_ur.kinematics import URKinematics
@@ -59,7 +60,7 @@ class RigRobot:
         self.commands: deque[tuple[float, Any]] = deque()  # time of arrival, and what arrives
         self.states: deque[tuple[float, Any]] = deque()
         self.connected, self.control, self.tool, self.taking = True, None, TcpAndPayload(), False
-        self.newest = (0.0, self._sample())
+        self.newest = (0.0, self._sample(), self._target())
         self.cycles = 0
         self.sent: list[float] = []
         self.top_joint = self.top_speed = self.top_turning = 0.0
@@ -75,6 +76,11 @@ class RigRobot:
             speed_scaling=self.arm.scaling if self.tells else 1.0,
         )
 
+    def _target(self) -> RobotState:
+        x, y, z, rx, ry, rz = self.arm.target_tcp_pose()
+        q = from_rotation_vector((rx, ry, rz))
+        return self._sample()._replace(q=tuple(self.arm.target_q), p=(x, y, z), orientation=q)
+
     def _carried(self, content: object) -> tuple[float, Any]:
         return self.pauses["network"].over(self.now) + PATH_TIME, content
 
@@ -87,7 +93,7 @@ class RigRobot:
             self.arm.step(PERIOD)
             self.cycles, self.now = self.cycles + 1, at
             self._record(at)
-            self.states.append(self._carried((self.cycles * PERIOD, self._sample())))
+            self.states.append(self._carried((self.cycles * PERIOD, self._sample(), self._target())))
         self.now = now
 
     def _record(self, at: float) -> None:
@@ -115,6 +121,10 @@ class RigRobot:
     def sample(self) -> RobotState:
         """The newest state."""
         return self.newest[1]
+
+    def meant(self, s: RobotState) -> RobotState:
+        """With joints and pose of the robot's own target."""
+        return where_meant(s, self.newest[2])
 
     tells_tcp = True
 

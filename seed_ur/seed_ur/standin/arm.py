@@ -146,6 +146,7 @@ class Arm:
         self.qd, self.target_qd, self.target_qdd = [0.0] * 6, [0.0] * 6, [0.0] * 6
         self.motion: Motion = Hold()
         self.slider = 1.0  # 0..1, speed slider of the pendant
+        self.error = 0.0  # [rad] by which friction and load hold every joint off its target
         self.limiting = 1.0  # 0..1, what the controller scales by of itself, e.g. for a safety limit
         self.set_tcp(np.eye(4))
         self.X_WE = kinematics.forward(self.q)
@@ -163,7 +164,7 @@ class Arm:
         self.target_qdd = [(b - a) / dt for a, b in zip(before, self.target_qd, strict=True)]
         self.target_q = [q + v * dt for q, v in zip(self.target_q, self.target_qd, strict=True)]
         share = 1.0 - exp(-dt / LAG)
-        moved = [share * (t - q) for t, q in zip(self.target_q, self.q, strict=True)]
+        moved = [share * (t + self.error - q) for t, q in zip(self.target_q, self.q, strict=True)]
         self.q = [q + m for q, m in zip(self.q, moved, strict=True)]
         self.qd = [m / dt for m in moved]
         self.X_WE = self.kinematics.forward(self.q)

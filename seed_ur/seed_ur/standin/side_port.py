@@ -109,10 +109,14 @@ def _option(server: Server, request: Request) -> None:
         server.robot.arm.slider = max(0.0, min(1.0, float(value)))  # type: ignore[arg-type]
     elif name == "speed_scaling":
         server.robot.arm.limiting = max(0.0, min(1.0, float(value)))  # type: ignore[arg-type]
+    elif name == "servo_error":
+        server.robot.arm.error = max(-0.01, min(0.01, float(value)))  # type: ignore[arg-type]
     elif name == "unlock_after":
         options.unlock_after = float(value)  # type: ignore[arg-type]
     else:
-        names = "program_on_stop, remote_control, watchdog_sleeps, unlock_after, speed_slider, speed_scaling"
+        names = (
+            "program_on_stop, remote_control, watchdog_sleeps, unlock_after, speed_slider, speed_scaling, servo_error"
+        )
         raise ValueError(f"option {name!r} = {value!r} cannot be set; use {names}")
 
 
