@@ -130,7 +130,10 @@ def test_unsupported_polyscope(version: str) -> None:
 def test_a_second_client_is_told_who_holds_the_registers() -> None:
     with FaultBench() as first:
         first.ready()
-        assert "another RTDE client holds the input registers" in complaint("another RTDE client", first.robot.host)
+        said = complaint("another RTDE client", first.robot.host)
+        assert "another RTDE client holds the input registers" in said
+        assert "EtherNet/IP" in said
+        assert "ask again in some seconds" in said
         first.run(0.2)
         assert first.state.armed  # undisturbed
         assert first.state.linked

@@ -176,11 +176,18 @@ def follow_outputs(host: str, names: Sequence[str], rate: float, optional: Colle
 
 
 def hold_inputs(host: str, names: Sequence[str], words: str) -> RtdeClient:
-    """A client that alone writes these inputs; LinkError, with `words` for them, when somebody else does."""
+    """A client that alone writes these inputs; LinkError, with `words` for them, when somebody else does.
+
+    A fieldbus that is switched on takes them as well (UR's ROS driver, issue 204), and after a cut cable the robot
+    keeps an old connection until it hears of its end.
+    """
     with ExitStack() as on_failure:
         client = on_failure.enter_context(RtdeClient(host))
         if not client.take_inputs(*names):
-            raise LinkError(f"another RTDE client holds {words} of {host}: stop that program")
+            raise LinkError(
+                f"another RTDE client holds {words} of {host}: stop that program, or EtherNet/IP, PROFINET and MODBUS "
+                "in the robot's installation; after a cut cable ask again in some seconds"
+            )
         on_failure.pop_all()
         return client
 
