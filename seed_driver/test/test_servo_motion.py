@@ -230,5 +230,24 @@ def test_after_a_restart_elsewhere_the_first_step_is_looked_at(memory, phase: in
     X_WE = run.arm.forward(SINGULAR)
     p, q = as_vector3(X_WE[:3, 3]), as_quaternion(X_WE[:3, :3])
     run.motion.restart(RobotState()._replace(q=SINGULAR, p=p, orientation=q))
+    before = list(run.motion.joints.q)
     run.steps(1, p, turned(q, (0.0, 0.0, 0.1)))
-    assert run.motion.joints.q != list(SINGULAR)
+    assert run.motion.joints.q != before
+
+
+@pytest.mark.parametrize("joint_speed", [1.0, 0.1])
+@pytest.mark.parametrize("q", [ELBOW_UP, (0.37, -0.65, 0.001, -0.95, -1.5, 0.47)], ids=["elbow up", "stretched"])
+@pytest.mark.parametrize("off", [0.0005, 0.005, 0.02])
+def test_an_arm_that_is_not_quite_our_model_is_led_all_the_same(memory, joint_speed: float, q, off: float) -> None:
+    """Every UR has a calibration of its own: without its file our model has other joints for the robot's pose."""
+    run = Run(memory, q=q, max_joint_speed=joint_speed)
+    inward = -np.array(run.p) / np.linalg.norm(run.p)
+    p = as_vector3(np.array(run.p) + off * inward)
+    run.motion.restart(RobotState()._replace(q=q, p=p, orientation=run.q))
+    run.motion.accept_targets()
+    goal = as_vector3(np.array(p) + 0.01 * inward)
+    run.steps(1500, goal)
+    assert run.motion.latch.reason == ""
+    np.testing.assert_allclose(run.motion.command[0], goal, atol=1e-5)
+    fastest = np.linalg.norm(np.diff([c for c, _ in run.commands[1:]], axis=0), axis=1).max() / DT
+    assert fastest <= 0.25

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joint speeds: the flange slows down where a joint would be too fast (near singularities), and stops at the end."""
 
-from seed_core.arm.quaternion import to_pose
-from seed_core.vector3 import norm
+from contextlib import suppress
+
+from seed_core.arm.quaternion import Quaternion, to_pose
+from seed_core.vector3 import Vector3, norm
 from seed_driver.motion.limiter import BRAKE_SHARE, CommandLimiter
 from seed_ur.kinematics import KinematicsError, URKinematics
 
@@ -33,9 +35,16 @@ class JointSpeeds:
         """Joint angles (6,) [rad] at the pose that was looked at last, at most a few steps ago."""
         return self._q
 
-    def restart(self, q: tuple[float, ...]) -> None:
-        """The arm stands at joint angles q (6,) [rad]."""
+    def restart(self, q: tuple[float, ...], pose: tuple[Vector3, Quaternion] | None = None) -> None:
+        """The arm stands at joint angles q (6,) [rad], and the robot says that its flange is at a pose.
+
+        Every UR has a calibration of its own, by which it computes that pose. Without it our model has other joints
+        there, and steps are counted from those: the way from q to them is none of the arm's.
+        """
         self._q = list(q)  # [rad] at the pose that was looked at last
+        if pose is not None:
+            with suppress(KinematicsError):  # out of our model's reach: said when it is to move
+                self._q = self._arm.follow(to_pose(*pose), q)
         self._since = 0.0  # [s] of motion since then
         self._steps_ahead = 0  # that need no look, because every joint is far below its limit
 

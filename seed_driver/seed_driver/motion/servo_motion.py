@@ -54,7 +54,7 @@ class ServoMotion:
         self.limiter.hold()
         self.limiter.restart(sample.p, sample.orientation)
         self._begin()
-        self.joints.restart(sample.q)
+        self.joints.restart(sample.q, self.command)
         self.stop_check.restart()
 
     def accept_targets(self) -> None:
