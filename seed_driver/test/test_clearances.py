@@ -341,6 +341,20 @@ def test_a_torque_and_what_is_no_number_count_as_too_much() -> None:
     assert overload.update((0.0,) * 6, 3.0) == ""
 
 
+def test_an_arm_that_is_freed_may_read_too_much_only_until_it_has_been_within_the_limit() -> None:
+    overload = Overload(DriverConfig(robot_ip="x", overload_time=0.0))
+
+    def read(torque: float) -> str:
+        return overload.update((0.0,) * 5 + (torque,), 1.0)
+
+    assert read(19.0) == ""
+    assert read(25.0)
+    overload.forgive()
+    assert read(27.0) == ""
+    assert read(19.0) == ""
+    assert "27.0 N m" in read(27.0)
+
+
 def test_ranges_must_have_room() -> None:
     with pytest.raises(ConfigError, match=r"joint_low\[2\] = 1 rad must be below joint_high\[2\] = 1 rad"):
         DriverConfig(robot_ip="x", joint_low=(-1.0, -1.0, 1.0, 0.0, 0.0, 0.0), joint_high=(1.0,) * 6)

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from seed_core.arm.quaternion import from_rotation_vector
+from seed_core.arm.quaternion import from_rotation_vector, turned
 from seed_core.arm.target_checks import Target
 from seed_core.vector3 import plus
 from seed_driver.target_guard import GuardConfig, TargetGuard
@@ -134,6 +134,39 @@ def test_an_arm_that_was_moved_after_the_request_is_taken_from_where_it_stands()
     assert run.sent == []
 
 
+@pytest.mark.parametrize(
+    ("move", "turn", "away", "still"),
+    [
+        (0.0, 0.0, 0.0, True),
+        (0.0009, 0.0, 0.0, True),
+        (0.0011, 0.0, 0.0, False),
+        (0.0, 0.009, 0.0, True),
+        (0.0, 0.011, 0.0, False),
+        (0.0, 0.0, 0.3, False),  # [s] not heard: what it did meanwhile is not known
+    ],
+)
+def test_an_arm_stands_that_is_seen_at_one_place_for_long_enough(move, turn, away, still: bool) -> None:
+    """Within 1 mm and 0.01 rad."""
+    run = Run()
+    run.guard.hold("stopped on request")
+    run.now += away
+    run.arm = plus(HERE, (0.0, move, 0.0)), turned(DOWN, (turn, 0.0, 0.0))
+    run.steps(20)
+    assert (run.guard.resume(run.now) == "") is still
+
+
+def test_it_follows_again_before_it_has_come_to_rest() -> None:
+    run = Run()
+    for i in range(1, 50):
+        run.steps(1, HERE[1] + 0.3 * i * DT)
+    run.guard.hold("stopped on request")
+    run.steps(3)
+    speed = run.speed
+    assert run.guard.resume(run.now) == ""
+    run.steps(1, HERE[1] + 0.06)
+    assert run.speed > 0.8 * speed
+
+
 @pytest.mark.parametrize("then", ["asked while it moves", "asked before"])
 def test_an_arm_that_moves_is_not_sent_to_where_it_was(then: str) -> None:
     """Something else moves it at 0.25 m/s: where its newest pose is, 90 ms old, it is not any more."""
@@ -173,28 +206,34 @@ def test_an_arm_that_is_not_heard_while_it_comes_to_rest_is_taken_from_where_it_
     assert run.guard.resume(run.now) == ""
 
 
-def test_an_arm_that_something_else_moves_is_not_pulled_back() -> None:
+@pytest.mark.parametrize(
+    ("there", "turn", "words"), [((0.0, 0.0, 0.15), 0.0, "the arm is 0.15"), ((0.0, 0.0, 0.0), 0.35, " m and 0.35 rad")]
+)
+def test_an_arm_that_something_else_moves_is_not_pulled_back(there, turn: float, words: str) -> None:
+    """Nor is it when it comes near the command of that time again."""
     run = Run()
     run.steps(25, HERE[1] + 0.04)
-    sent = len(run.sent)
-    run.arm = ((HERE[0], HERE[1], HERE[2] + 0.15), DOWN)
+    sent, way = len(run.sent), run.arm
+    run.arm = plus(way[0], there), turned(way[1], (turn, 0.0, 0.0))
     run.guard.measured(run.arm, run.now)
     run.steps(50, HERE[1] + 0.04)
-    assert "the arm is 0.15" in run.guard.reason
+    assert words in run.guard.reason
+    run.arm = way
+    run.steps(50)
     assert len(run.sent) == sent
 
 
 def test_an_arm_that_lags_as_the_contract_allows_is_no_stranger() -> None:
     run = Run()
-    delay = [HERE] * 50  # 0.2 s
+    delay = [(HERE, DOWN)] * 50  # 0.2 s
     for i in range(400):
         run.now += DT
-        y = HERE[1] + 0.25 * i * DT
-        assert run.guard.target(Target("base", 0.0, (HERE[0], y, HERE[2]), DOWN), run.now) == ""
+        p, q = plus(HERE, (0.0, 0.25 * i * DT, 0.0)), turned(DOWN, (0.0, 0.0, 0.5 * i * DT))
+        assert run.guard.target(Target("base", 0.0, p, q), run.now) == ""
         pose = run.guard.step(run.now)
         assert pose is not None
-        delay.append(pose[0])
-        run.guard.measured((delay.pop(0), DOWN), run.now)
+        delay.append(pose)
+        run.guard.measured(delay.pop(0), run.now)
 
 
 @pytest.mark.parametrize(
