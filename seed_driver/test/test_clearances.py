@@ -3,6 +3,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 from math import degrees
 from pathlib import Path
 
@@ -332,6 +333,17 @@ def test_a_reading_beyond_the_limit_holds_after_its_time_and_lets_go_by_itself_o
     for i in range(100):
         run.motion.feel((0.0, 0.0, -150.0, 0.0, 0.0, 0.0), 12.0 + 0.002 * i)
     assert "150 N" in run.motion.latch.reason
+
+
+def test_changed_clearances_and_a_changed_limit_of_the_force_count_at_once(memory) -> None:
+    run = Run(memory, overload_time=0.0)
+    assert run.go((0.0, 0.0, -0.02)) == ""
+    floor = run.flange()[-1, 2] - 0.09 - 0.075 - 0.02  # [m] 2 cm below the gripper
+    run.motion.configure(replace(run.config, floor_height=floor, max_arm_force=20.0))
+    assert "of the floor, at least 10 mm" in run.go((0.0, 0.0, -0.02))
+    run.motion.accept_targets()
+    run.motion.feel((0.0, 0.0, -25.0, 0.0, 0.0, 0.0), 10.0)
+    assert "max_arm_force = 20 N" in run.motion.latch.reason
 
 
 def test_a_torque_and_what_is_no_number_count_as_too_much() -> None:

@@ -101,6 +101,18 @@ def test_silence_is_a_latched_hold(memory) -> None:
     assert math.dist(rest[0], run.along_y(0.04)) > 0.001
 
 
+def test_a_command_that_stands_still_already_is_at_rest_there(memory) -> None:
+    """The link was lost in motion: the arm stands where the last command was, not where braking would have led."""
+    run = Run(memory)
+    run.motion.accept_targets()
+    run.steps(60, run.along_y(0.04))
+    stood = run.commands[-1]
+    run.motion.hold("link lost")
+    run.motion.halt()
+    run.steps(50)
+    assert run.commands[-1] == stood
+
+
 def test_accepting_targets_again_does_not_disturb_a_motion(memory) -> None:
     """Another resend_robot_program while the arm moves."""
     runs = []

@@ -93,7 +93,7 @@ class ServoMotion:
         if self.latch.reason:
             return
         slot = self.memory.read_target(self._seen)
-        if slot is not None and slot.number > self._seen:
+        if slot is not None:
             self._seen, self.target = slot.number, slot
             received = slot.received - held_back
             self.latch.heard(received)
