@@ -23,9 +23,9 @@ LIMITS = MotionLimits(workspace_low=(-1.0, -1.0, 0.0), workspace_high=(1.0, 1.0,
 class Run:
     """A limiter fed with targets at their own times, and what it commanded."""
 
-    def __init__(self, limits: MotionLimits = LIMITS) -> None:
-        self.limits, self.time = limits, 0.0
-        self.limiter = CommandLimiter(HERE, UPRIGHT, DT, limits)
+    def __init__(self, limits: MotionLimits = LIMITS, dt: float = DT) -> None:
+        self.limits, self.dt, self.time = limits, dt, 0.0
+        self.limiter = CommandLimiter(HERE, UPRIGHT, dt, limits)
         self.p, self.q = [HERE], [UPRIGHT]
 
     def target(self, p, q=UPRIGHT) -> None:
@@ -35,7 +35,7 @@ class Run:
         if hold:
             self.limiter.hold()
         for _ in range(count):
-            self.time += DT
+            self.time += self.dt
             self.limiter.propose()
             self.limiter.advance()
             self.p.append(self.limiter.p)
@@ -43,14 +43,14 @@ class Run:
 
     def check(self) -> None:
         """Speed, acceleration and jerk of the command, by finite differences."""
-        p, limits = np.array(self.p), self.limits
-        w = np.array([turn_between(after, before) for before, after in zip(self.q, self.q[1:], strict=False)]) / DT
-        v = np.diff(p, axis=0) / DT
-        a, alpha = np.diff(v, axis=0) / DT, np.diff(w, axis=0) / DT
+        p, limits, dt = np.array(self.p), self.limits, self.dt
+        w = np.array([turn_between(after, before) for before, after in zip(self.q, self.q[1:], strict=False)]) / dt
+        v = np.diff(p, axis=0) / dt
+        a, alpha = np.diff(v, axis=0) / dt, np.diff(w, axis=0) / dt
         margin = 1.0 + 1e-6
         assert np.linalg.norm(v, axis=1).max() <= limits.max_speed * margin
         assert np.linalg.norm(a, axis=1).max() <= limits.max_acceleration * margin
-        assert np.linalg.norm(np.diff(a, axis=0) / DT, axis=1).max() <= limits.max_jerk * margin
+        assert np.linalg.norm(np.diff(a, axis=0) / dt, axis=1).max() <= limits.max_jerk * margin
         assert np.linalg.norm(w, axis=1).max() <= limits.max_angular_speed * 1.001  # second order of a few mrad
         assert np.linalg.norm(alpha, axis=1).max() <= limits.max_angular_acceleration * 1.01
 
@@ -95,6 +95,22 @@ def test_a_target_that_stands_is_never_passed(way: float, every: int, before: in
     turned = max(turn_between(q, UPRIGHT)[2] for q in run.q)
     assert max(p[0] for p in run.p) == pytest.approx(HERE[0] + way, abs=1e-6)
     assert turned == pytest.approx(4.0 * way, abs=1e-6)
+
+
+@pytest.mark.parametrize("rate", [20, 30, 50, 125, 250])
+@pytest.mark.parametrize("acceleration", [1.0, 4.0])
+@pytest.mark.parametrize("way", [0.002, 0.04])
+def test_a_slow_servo_passes_no_target_and_comes_to_rest(rate: int, acceleration: float, way: float) -> None:
+    """At 20 Hz the command went to and fro over 6 mm for ever, at the acceleration limit."""
+    run = Run(replace(LIMITS, max_acceleration=acceleration, max_jerk=2000.0, max_angular_acceleration=8.0), 1.0 / rate)
+    for _ in range(3 * rate):
+        run.target((HERE[0] + way, *HERE[1:]), from_rotation_vector((0.0, 0.0, 4.0 * way)))
+        run.steps(1)
+    run.check()
+    turned = max(turn_between(q, UPRIGHT)[2] for q in run.q)
+    assert max(p[0] for p in run.p) == pytest.approx(HERE[0] + way, abs=1e-6)
+    assert turned == pytest.approx(4.0 * way, abs=1e-6)
+    assert run.p[-1] == pytest.approx(run.p[-rate // 2], abs=1e-6)
 
 
 @pytest.mark.parametrize("every", [1, 2, 5, 25])

@@ -20,7 +20,8 @@ from seed_core.arm.quaternion import Quaternion, turn_between, turned
 from seed_core.vector3 import ZERO, Vector3, capped, dot, minus, norm, plus, plus_scaled, scaled
 from seed_driver.motion.reference import Reference
 
-APPROACH = 100.0  # [1/s] near the reference the distance decays at this rate
+APPROACH = 100.0  # [1/s] near the reference the distance decays at this rate,
+STEP_SHARE = 0.5  # or by this share in a step where that is less: a step that goes too far has to come back, for ever
 BRAKE_SHARE = 0.7  # of the acceleration limit is planned for braking, the rest is margin
 SIDE_SHARE = BRAKE_SHARE / sqrt(3.0)  # before each side of the workspace: in a corner it brakes along three axes
 AT_REST = 1e-9  # [m, rad] that the smoothing holds back at most where it makes no difference
@@ -71,7 +72,7 @@ class CommandLimiter:
             self._braking = False
             return
         p, v, a = self.inner_p, self.velocity, SIDE_SHARE * self.limits.max_acceleration
-        stop = [p[i] + copysign(_braking_distance(abs(v[i]), a), v[i]) for i in range(3)]
+        stop = [p[i] + copysign(_braking_distance(abs(v[i]), a, self._approach), v[i]) for i in range(3)]
         x, y, z = (min(low[i], max(self._low[i], min(p[i], stop[i]))) for i in range(3))
         self._low = x, y, z
         x, y, z = (max(high[i], min(self._high[i], max(p[i], stop[i]))) for i in range(3))
@@ -89,6 +90,11 @@ class CommandLimiter:
     def hold(self) -> None:
         """Decelerate to rest."""
         self.reference = None
+
+    @property
+    def _approach(self) -> float:
+        """Rate [1/s] at which the distance decays at last."""
+        return min(APPROACH, STEP_SHARE / self.dt)
 
     @property
     def moving(self) -> bool:
@@ -120,10 +126,13 @@ class CommandLimiter:
             change = self.dt
             feed, angular_feed = self.reference.step(self.dt)
             gap, turn = minus(self.reference.p, self.inner_p), turn_between(self.reference.q, self.inner_q)
-            goal = _chase(gap, feed, limits.max_speed, limits.max_acceleration)
+            approach = self._approach
+            goal = _chase(gap, feed, limits.max_speed, limits.max_acceleration, approach)
             if self._braking:
                 goal = ZERO
-            angular_goal = _chase(turn, angular_feed, limits.max_angular_speed, limits.max_angular_acceleration)
+            angular_goal = _chase(
+                turn, angular_feed, limits.max_angular_speed, limits.max_angular_acceleration, approach
+            )
         self.velocity = self._inside_towards(goal, limits.max_acceleration * change)
         self.angular_velocity = _towards(self.angular_velocity, angular_goal, limits.max_angular_acceleration * change)
 
@@ -140,10 +149,11 @@ class CommandLimiter:
 
     def _inside(self, v: Vector3) -> Vector3:
         """A velocity from which it comes to rest before each side of the workspace that it goes towards."""
-        p, low, high, a = self.inner_p, self._low, self._high, SIDE_SHARE * self.limits.max_acceleration
-        x, y, z = (
-            max(min(v[i], _braking_speed(high[i] - p[i], a)), -_braking_speed(p[i] - low[i], a)) for i in range(3)
-        )
+        p, low, high, approach = self.inner_p, self._low, self._high, self._approach
+        a = SIDE_SHARE * self.limits.max_acceleration
+        top = [_braking_speed(high[i] - p[i], a, approach) for i in range(3)]
+        bottom = [-_braking_speed(p[i] - low[i], a, approach) for i in range(3)]
+        x, y, z = (max(min(v[i], top[i]), bottom[i]) for i in range(3))
         return x, y, z
 
     def slow(self, share: float) -> None:
@@ -192,30 +202,30 @@ class CommandLimiter:
         self.q = turned(self.inner_q, turn)
 
 
-def _braking_speed(distance: float, a: float) -> float:
+def _braking_speed(distance: float, a: float, approach: float) -> float:
     """The speed [m/s] from which it comes to rest within a distance [m], slowing down by a [m/s^2] at most.
 
     The last part is an exponential decay: each step is finite, and a square root ends with a jump.
     """
-    near = a / APPROACH**2  # [m] where both parts have the same speed and the same slope
+    near = a / approach**2  # [m] where both parts have the same speed and the same slope
     if distance <= near:
-        return APPROACH * max(distance, 0.0)
+        return approach * max(distance, 0.0)
     return sqrt(2.0 * a * (distance - 0.5 * near))
 
 
-def _braking_distance(speed: float, a: float) -> float:
+def _braking_distance(speed: float, a: float, approach: float) -> float:
     """The distance [m] within which it comes to rest from a speed [m/s]: the inverse of `_braking_speed`."""
-    if speed <= a / APPROACH:
-        return speed / APPROACH
-    return 0.5 * (speed * speed / a + a / APPROACH**2)
+    if speed <= a / approach:
+        return speed / approach
+    return 0.5 * (speed * speed / a + a / approach**2)
 
 
-def _chase(error: Vector3, feed: Vector3, top: float, acceleration: float) -> Vector3:
+def _chase(error: Vector3, feed: Vector3, top: float, acceleration: float, approach: float) -> Vector3:
     """Velocity that makes up for `error`, braking in time, on top of the velocity `feed`; no faster than `top`."""
     distance = norm(error)
     if distance == 0.0:
         return capped(feed, top)
-    speed = min(sqrt(2.0 * BRAKE_SHARE * acceleration * distance), APPROACH * distance)
+    speed = min(sqrt(2.0 * BRAKE_SHARE * acceleration * distance), approach * distance)
     return capped(plus_scaled(feed, speed / distance, error), top)
 
 
