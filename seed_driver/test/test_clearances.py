@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
+from scipy.spatial.transform import Rotation
 
 from seed_core.arm.quaternion import IDENTITY, as_quaternion, to_pose, turned
 from seed_core.config import ConfigError
@@ -157,8 +158,30 @@ def test_a_box_is_not_met_at_any_speed(memory, tmp_path, speed: float) -> None:
     run = Run(memory, surroundings_file=box_file(tmp_path, CUPBOARD), max_speed=speed, max_joint_speed=3.0)
     reason = run.go((0.2, 0.0, 0.0))
     assert "of the cupboard, at least 10 mm" in reason
-    rows = run.motion.stop_check.clearances.values(run.joints[::5])
-    assert -1e-4 <= rows.min() < 0.01
+    assert 0.01 - 2e-4 <= from_box(run, (0.85, 0.13, 0.3), (0.2, 0.6, 0.6), 20.0) < 0.02
+
+
+def from_box(run: Run, centre, size, yaw: float) -> float:
+    """Smallest distance [m] of a run's bodies from a box turned by yaw [degrees], by points on their axes."""
+    turn, shares, least = Rotation.from_euler("z", yaw, degrees=True).as_matrix(), np.linspace(0.0, 1.0, 200), math.inf
+    for q in run.joints[::5]:
+        frames = np.concatenate((np.eye(4)[None], run.arm.frames(q), run.arm.forward(q)[None]))
+        for c in run.motion.stop_check.clearances._skeleton.capsules:
+            start, end = ((frames[c.frame] @ (*e, 1.0))[:3] for e in (c.start, c.end))
+            points = (start + np.outer(shares, end - start) - centre) @ turn
+            outside = np.maximum(np.abs(points) - 0.5 * np.array(size), 0.0)
+            least = min(least, float(np.linalg.norm(outside, axis=1).min()) - c.radius)
+    return least
+
+
+@pytest.mark.parametrize("way", [-0.02, 0.02])
+def test_from_inside_a_box_no_way_is_followed(memory, tmp_path, way: float) -> None:
+    """It is in the wrong place: the wrist cannot be there, and which way leads out is not known."""
+    run = Run(memory)
+    box = f"boxes: [{{name: cupboard, position: {list(run.p)}, size: [0.3, 0.3, 0.3]}}]"
+    run = Run(memory, surroundings_file=box_file(tmp_path, box))
+    assert "mm into the cupboard" in run.go((0.0, 0.0, way))
+    assert run.motion.command[0] == pytest.approx(run.p, abs=1e-4)
 
 
 def test_a_box_that_the_tool_may_touch_is_met_by_nothing_else(memory, tmp_path) -> None:
@@ -213,15 +236,15 @@ def test_a_stop_that_turns_longer_than_it_moves_is_looked_at_where_its_way_bends
         assert stop.pose(bent)[0] == pytest.approx(stop.pose(times[-1])[0])
 
 
-def test_joints_keep_to_their_ranges(memory) -> None:
-    high = (math.tau, math.tau, math.tau, math.tau, math.tau, 0.3)
-    run = Run(memory, joint_high=high)
-    reason = run.go(turn=(0.0, 0.0, -0.8))
-    assert "wrist_3_joint would turn to" in reason
-    assert f"beyond joint_high = 0.3 rad ({degrees(0.3):.1f} degrees)" in reason
-    assert 0.28 < np.array(run.joints)[:, 5].max() <= 0.3
+@pytest.mark.parametrize(("bound", "side"), [("joint_high", 1.0), ("joint_low", -1.0)])
+def test_joints_keep_to_their_ranges(memory, bound: str, side: float) -> None:
+    run = Run(memory, **{bound: (*[side * math.tau] * 5, side * 0.3)})
+    reason = run.go(turn=(0.0, 0.0, -side * 0.8))
+    assert f"wrist_3_joint would turn to {side * 17.3:.0f}" in reason
+    assert f"beyond {bound} = {side * 0.3:g} rad ({degrees(side * 0.3):.1f} degrees)" in reason
+    assert 0.28 < (side * np.array(run.joints)[:, 5]).max() <= 0.3
     run.motion.accept_targets()
-    assert run.go(turn=(0.0, 0.0, 0.5)) == ""
+    assert run.go(turn=(0.0, 0.0, side * 0.5)) == ""
 
 
 def test_nothing_that_the_tasks_do_is_too_near() -> None:

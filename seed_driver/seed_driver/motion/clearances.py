@@ -18,7 +18,7 @@ from seed_ur.kinematics import URKinematics
 from seed_ur.models import JOINT_NAMES
 
 EXACT = 0.05  # [m] beyond which the distance from a box is not computed exactly but from below
-INSIDE = 1e-6  # [m] from the axis of one body to another: it is inside
+INSIDE = 1e-6  # [m] from the axis of a body to a box: it is inside
 
 
 class Clearances:
@@ -26,7 +26,7 @@ class Clearances:
 
     Attributes:
         rates: (rows, 6) [m/rad] by which a row changes at most per turn of each joint; angles change as they do.
-        inside: (rows,) at or below which the axis of one body is in another, and no distance tells the way out.
+        inside: (rows,) at or below which the axis of a body is in a box, and no distance tells the way out.
     """
 
     def __init__(self, arm: URKinematics, settings: ClearanceSettings) -> None:
@@ -54,7 +54,6 @@ class Clearances:
         axis = np.full((1, 6), self._reach)
         self.rates = np.concatenate((np.array(moved).reshape(-1, 6) * self._reach, axis, np.eye(6), np.eye(6)))
         self.inside = np.full(distances + 13, -np.inf)
-        self.inside[: len(self._pairs[0])] = INSIDE - self._pair_reach
         boxes = len(self._box_reach)
         self.inside[distances - boxes : distances] = INSIDE - self._box_reach
 

@@ -80,7 +80,6 @@ class StopCheck:
         wrong = (then < least - ROUNDING) | (then <= self.clearances.inside)
         if wrong.any():
             worst = int(np.argmin(np.where(wrong, then - least, np.inf)))
-            self._idle = 0
             return f"{self.clearances.words(worst, float(then[worst]))}: {AGAIN}"
         if self._jumping:
             return f"{self._jumping}: {AGAIN}"
