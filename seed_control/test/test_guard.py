@@ -3,6 +3,7 @@
 
 import itertools
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,10 +12,13 @@ from quasi_static import DOWN, DT, Bench
 
 from seed_control.command.arm_follows import ArmFollows, Behind, RecentSpeed
 from seed_control.command.free_travel import FreeTravel
+from seed_control.command.guard import Guard
 from seed_control.command.limiter import VectorLimiter
 from seed_control.law.contact import ForceShare
 from seed_control.monitor.pose_checks import FrozenPoseCheck
+from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.setpoints import HybridSetpoint, RelativePoseSetpoint
+from seed_control.state import EventLog
 from seed_control.wrench.history import PoseHistory
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Wrench, make_pose, rotation_from_rpy
@@ -291,6 +295,34 @@ def test_a_move_into_something_is_held_and_named() -> None:
     bench.run(3.0)
     assert bench.force == 0.0
     assert bench.state.mode == "position"
+
+
+@pytest.mark.parametrize(("pressed_at", "back"), [(0.95, 0.0), (1.05, None)])
+def test_the_way_back_is_known_for_a_second_and_an_enabled_arm_may_leave_what_presses(pressed_at, back) -> None:
+    guard = Guard(ControllerParameters(max_unexpected_force=10.0), EventLog(""), float, float)
+    plan = SimpleNamespace(normals=np.zeros((0, 3)), wanted=np.zeros(0))
+
+    def image(stamp: float, force: float) -> None:
+        m = SimpleNamespace(stamp=stamp, X_WC=make_pose(p=(stamp, 0.0, 0.0)))
+        m.on_environment = Wrench(np.zeros(3), np.array((force, 0.0, 0.0)))
+        guard.check_unexpected(m, plan, 0.0)
+
+    guard.enable(True)
+    image(-0.1, 4.9)
+    image(0.0, 4.9)
+    for force in (10.0, 15.1, 15.1):
+        image(pressed_at, force)
+    assert guard.held == ""  # 10.2 N more than before, in two images
+    image(pressed_at, 15.1)
+    assert "10.2 N where no force is wanted" in guard.held
+    assert guard.back_to == (None if back is None else (back, 0.0, 0.0))
+    guard.enable(True)
+    for _ in range(5):
+        image(pressed_at, 15.1)
+    assert guard.held == ""
+    for _ in range(3):
+        image(pressed_at, 25.2)
+    assert "10.1 N where no force is wanted" in guard.held
 
 
 def test_poses_that_are_frozen_are_noticed() -> None:
