@@ -57,3 +57,15 @@ def test_a_clock_that_was_set_right_is_believed_after_a_while() -> None:
         asked(skew, 0.2 * i, 0.0011, 0.0011, 0.0)
         skew.look(0.2 * i)
     assert not skew.problem
+
+
+def test_answers_before_this_clock_was_set_back_count_no_more() -> None:
+    """By 2 s: they are not old by the new time, and 2 s wrong."""
+    skew = ClockSkew(0.01)
+    for i in range(20):
+        asked(skew, 0.2 * i, 0.001, 0.001, 0.0)
+    for i in range(LEAST):
+        asked(skew, 2.0 + 0.2 * i, 0.0011, 0.0011, 2.0)
+        skew.look(2.1 + 0.2 * i)
+    assert skew.offset == pytest.approx(2.0)
+    assert skew.problem

@@ -149,6 +149,27 @@ def test_a_width_is_asked_for_where_the_gripper_takes_widths() -> None:
     assert control.command(0.1).width == pytest.approx(0.012)
 
 
+def test_fingers_are_not_asked_to_open_further_than_they_do() -> None:
+    control = GripControl(replace(SETTINGS, force_per_width=100.0, max_width=0.03, relax_after=0.0))
+    control.heard(0.0, 0.02, 12.0)
+    for i in range(100):
+        t = i * FRAME
+        control.heard(t, 0.02, 12.0)
+        control.image(margin_of(1.0, t), t)
+    assert control.wanted < 10.0  # 2 N less are 2 cm
+    assert control.command(t).width == 0.03
+
+
+def test_no_grip_is_wanted_before_the_gripper_was_heard() -> None:
+    control = GripControl(SETTINGS)
+    for i in range(3):
+        control.image(margin_of(9.0, i * FRAME), i * FRAME)
+    told = control.command(2 * FRAME)
+    assert isnan(told.force)
+    assert isnan(told.width)
+    assert "was not heard yet" in told.hold
+
+
 def test_a_gripper_that_does_not_answer_is_named() -> None:
     control = GripControl(SETTINGS)
     assert "was not heard yet" in control.command(0.0).hold

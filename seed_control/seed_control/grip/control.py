@@ -167,7 +167,7 @@ class GripControl:
         """What to send at t [s], and whether the arm must hold."""
         self._at(t)
         s, width = self.settings, nan
-        if isfinite(self.wanted) and isfinite(self._width):
+        if isfinite(self.wanted):
             width = self._width - (self.wanted - self._force) / s.force_per_width
             width = min(max(width, s.min_width), s.max_width)
         return GripCommand(self.wanted, width, self._why_hold(t))
