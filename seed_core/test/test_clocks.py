@@ -66,6 +66,7 @@ def test_an_offset_that_the_estimator_does_not_take_off_is_a_problem() -> None:
     assert known.not_taken_off(float("nan"))
     assert not Clocks(offset=0.001).not_taken_off(0.0)  # of no account
     assert not Clocks(offset=0.030, deviation=0.004).not_taken_off(0.023)  # both may be right
+    assert Clocks(offset=0.030, deviation=0.004).not_taken_off(0.0215)  # beyond twice the deviation
 
 
 @pytest.mark.parametrize("words", ["yes", "missing/clocks.yaml"])
