@@ -23,12 +23,12 @@ def estimate(t: float, left: float, right: float = 1036.0, depth: float = 2e-3) 
     return RelativePoseEstimate(t, make_pose(), membrane=membrane)
 
 
-def told(left: Callable[[float], float], seconds: float = 4.0, needed: bool = False) -> str:
-    """Of a left sensor that reads left(t); the imprints breathe by a millimetre."""
+def told(left: Callable[[float], float], seconds: float = 4.0, needed: bool = False, breath: float = 5e-4) -> str:
+    """Of a left sensor that reads left(t); the imprints breathe by a millimetre, twice `breath`."""
     check = PressureCheck(GRIPS, needed)
     for t in np.arange(0.0, seconds, 0.022):
         right = 1036.0 + 0.05 * RNG.standard_normal()
-        check.update(estimate(t, left(t), right, 2e-3 + 5e-4 * np.sin(3.0 * t)))
+        check.update(estimate(t, left(t), right, 2e-3 + breath * np.sin(3.0 * t)))
     return check.reason
 
 
@@ -57,6 +57,20 @@ def test_a_pressure_is_named_with_what_is_wrong(left: Callable[[float], float], 
     assert bool(reason) == bool(words)
     if "looks like" in words or "another" in words:
         assert "identified at 1030 hPa" in reason or "identified at 1045 hPa" in reason
+
+
+@pytest.mark.parametrize(
+    ("left", "words"),
+    [
+        (lambda t: noisy(t) if t < 7.0 else 1036.5, "left bubble is stuck at 1036.5 hPa"),
+        (lambda _: 1036.5, ""),  # coarse, and nothing moves
+        (lambda t: 1036.0 + int(min(t, 7.3) / 0.22) % 2, ""),  # ten readings are the same, then 33
+    ],
+)
+def test_a_grasp_at_rest_has_a_stuck_pressure_only_where_the_sensor_was_lively(left, words: str) -> None:
+    reason = told(left, 8.0, breath=0.0)
+    assert words in reason
+    assert bool(reason) == bool(words)
 
 
 def test_a_missing_sensor_matters_where_the_wrench_needs_it() -> None:
