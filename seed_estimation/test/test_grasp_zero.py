@@ -166,7 +166,7 @@ def test_a_membrane_with_mechanics_shows_the_same() -> None:
 
 @pytest.mark.parametrize(("axis", "within", "goes"), [(0, 0.1, 2), (1, 0.25, 2), (2, 0.1, 0)])
 def test_a_membrane_with_mechanics_shows_how_far_the_tool_droops(axis: int, within: float, goes: int) -> None:
-    """within: this share of the turn. goes: the axis along which the bands are dragged apart, in opposite directions."""
+    """within: this share of the turn. goes: the axis along which the bands are dragged apart."""
     parameters, tool = MembraneParameters(spacing=0.006), ToolShape("box", length=0.04)
     grasp = MembraneGrasp(parameters, tool)
     bubbles = MeshRenderer(

@@ -137,7 +137,7 @@ def test_the_arm_stays_where_it_is_if_the_load_grows_on_the_way_back(growth: flo
         if command.state == "moving" and np.linalg.norm(at[:3, 3]) > 0.002:
             load = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 1.02 * procedure.limits.force))
         if command.state in ("drawing back", "retreating"):
-            load = load + (0.0, 0.0, 0.0, 0.0, 0.0, growth)
+            load = load + growth * np.eye(6)[5]
         if "retreating" in states and command.state != "retreating":
             load = np.zeros(6)
     assert "drawing back" in states
