@@ -53,6 +53,16 @@ def test_a_stiffness_file_tells_deviations_age_and_pressures(tmp_path: Path) -> 
     assert pressure.reason == ""
 
 
+def test_what_an_identification_left_unexplained_counts_where_it_is_more_than_usual(tmp_path: Path) -> None:
+    """8 N along z and along x, of which 30 % and 2 % were not explained: the latter is 5 % all the same."""
+    file = replace(FILE, date="2026-03-08", force_unexplained=(0.02, 0.1, 0.3))
+    settings = WrenchSettings(file=written(tmp_path, file), coupling=0.0, lever=0.0)
+    model, _ = choose_model(settings, DEFAULT_STIFFNESS, Hand(), LATER)
+    for axis, own in ((0, np.hypot(0.01, 0.05)), (2, np.hypot(0.03, 0.3))):
+        estimate = RelativePoseEstimate(0.0, make_pose(p=-0.01 * np.eye(3)[axis]), 1e-14 * np.eye(6))
+        assert_allclose(np.sqrt(model.spring(estimate).covariance[3 + axis, 3 + axis]), 8.0 * own, rtol=1e-3)
+
+
 @pytest.mark.parametrize(
     ("settings", "words"),
     [

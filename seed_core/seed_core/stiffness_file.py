@@ -18,6 +18,7 @@ HEADER = (
     "# Identified stiffness: N m/rad about, N/m along the axes; pressure in hPa, width in m.\n"
 )
 MOST_PRESSURE, MOST_WIDTH = 2000.0, 1.0  # [hPa], [m] of a grip
+MOST_UNEXPLAINED = 10.0  # share of a component's spread
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,15 @@ class StiffnessFile:
     date: str = field(doc="when it was measured, ISO 8601 in quotes")
     grips: tuple[IdentifiedGrip, ...] = field(doc="at least one")
     model: str = field("midpoint", choices=MODELS, doc="stiffness map that was fitted")
+    torque_unexplained: Vector3 = field(
+        (0.0, 0.0, 0.0),
+        low=0.0,
+        high=MOST_UNEXPLAINED,
+        doc="share of the torques about x, y and z of T that the map leaves of poses the fit did not see; 0: unknown",
+    )
+    force_unexplained: Vector3 = field(
+        (0.0, 0.0, 0.0), low=0.0, high=MOST_UNEXPLAINED, doc="likewise of the forces along x, y and z"
+    )
     version: int = field(1, low=1, high=1, doc="of this format")
 
     def __post_init__(self) -> None:

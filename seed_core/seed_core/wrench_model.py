@@ -6,7 +6,8 @@ Every model says how well it knows its wrench. For the map of the tool's pose, `
     C = J C_pose J^T + diag(s)^2,    s_i^2 = (own share x |w_i|)^2 + (coupling x |f|)^2,    torques: (lever x |f|)^2
 
 J is the map's derivative by the pose. The own share of a component collects the identification's standard deviation of
-its stiffness, what a linear map leaves of a membrane, and how far a grasp drifts after its identification.
+its stiffness, what a linear map leaves of a membrane (usually, or in the identification, whichever is more), and how
+far a grasp drifts after its identification.
 """
 
 from dataclasses import dataclass
@@ -76,7 +77,10 @@ class MapUncertainty:
     """How far the map of one grasp may be off, beside the standard deviations of its identification."""
 
     residual: float = field(
-        0.05, low=0.0, high=1.0, doc="share of each component that a linear map leaves unexplained of a soft grasp"
+        0.05,
+        low=0.0,
+        high=1.0,
+        doc="share of each component that a linear map leaves unexplained of a soft grasp, at least",
     )
     coupling: float = field(0.01, low=0.0, high=1.0, doc="share of the force's size that shows up on the other axes")
     lever: float = field(2.0, unit="mm", low=0.0, high=50.0, doc="of the force about the centre that was identified")
@@ -107,27 +111,31 @@ class BushingModel:
         uncertainty: MapUncertainty | None = None,
         deviations: Array | None = None,
         age: float = 0.0,
+        unexplained: Array | None = None,
     ) -> None:
-        """See `identified` for deviations and age."""
+        """See `identified` for deviations, age and unexplained."""
         self.bushing, self._uncertainty = bushing, uncertainty or MapUncertainty()
-        self.identified(deviations, age)
+        self.identified(deviations, age, unexplained)
 
     @property
     def stiffness(self) -> Stiffness:
         """Of the map; the same everywhere."""
         return self.bushing.stiffness
 
-    def identified(self, deviations: Array | None = None, age: float = 0.0) -> None:
+    def identified(self, deviations: Array | None = None, age: float = 0.0, unexplained: Array | None = None) -> None:
         """Tell of the identification.
 
         Args:
             deviations: (6,) relative standard deviations of [rotation, translation]; None where none are stated.
             age: [days] since it was made.
+            unexplained: (6,) share of each component of (torque, force) that the map left of poses that the fit did not
+                see; counts where it is more than `residual`. None where nobody told.
         """
         u = self._uncertainty
         stated = np.full(6, u.unidentified) if deviations is None else np.asarray(deviations, dtype=float)
         drift = min(u.drift * sqrt(max(age, 0.0)), _MOST_DRIFT)
-        self._own = stated**2 + u.residual**2 + drift**2  # variance of each share
+        left = np.maximum(u.residual, 0.0 if unexplained is None else np.asarray(unexplained, dtype=float))
+        self._own = stated**2 + left**2 + drift**2  # variance of each share
 
     def spring(self, estimate: RelativePoseEstimate) -> SpringWrench:
         estimate = estimate.of_patches()  # what the tool has slid on its membranes loads nothing

@@ -240,6 +240,22 @@ def test_where_neither_pressure_nor_width_tells_the_grips_apart_the_middle_one_i
     np.testing.assert_allclose(grip.translation, a.solution.value.stiffness[a.nominal, 3:])
 
 
+def test_a_stiffness_file_says_what_a_bushing_leaves_unexplained_friction_included() -> None:
+    """Of the loads at rest about T, whose spring alone is known: 1.5 N of friction along z is a third of that force."""
+    from seed_sysid.report.summary import stiffness_file
+
+    default = load("default")
+    for friction in (0.0, 1.5):
+        scenario = replace(default, grasp=replace(default.grasp, hysteresis={"z": friction}))
+        data, _ = at_rest(scenario, 6)
+        a = analyse(data, "kinematic")
+        file = stiffness_file(a, "2026-01-01")
+        assert max(file.torque_unexplained + file.force_unexplained[:2]) < 0.05
+        z = a.problem.wrench[:, 5] - a.problem.wrench[:, 5].mean()
+        most = friction / z.std()  # while all of it pulls one way
+        assert 0.6 * most <= file.force_unexplained[2] <= most + 0.05
+
+
 def test_grips_whose_width_never_came_are_written_by_pressure(tmp_path) -> None:
     from seed_core.stiffness_file import load_stiffness
     from seed_sysid.report.results import write_results

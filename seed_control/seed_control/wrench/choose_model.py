@@ -57,7 +57,8 @@ def choose_model(
         return ChosenModel(bushing, PressureCheck())
     file = load_stiffness(settings.file)
     same_hand(settings.file, file.hand, hand)
-    bushing.identified(relative_deviations(file), age(file.date, today) if today is not None else 0.0)
+    unexplained = np.array(file.torque_unexplained + file.force_unexplained)
+    bushing.identified(relative_deviations(file), age(file.date, today) if today is not None else 0.0, unexplained)
     return ChosenModel(bushing, PressureCheck([grip.pressure_hpa for grip in file.grips]))
 
 

@@ -51,5 +51,6 @@ class WrenchUncertainty:
             return ""
         return (
             f"the force is known to {deviation:.1f} N only (one standard deviation, at most max_excess_force = "
-            f"{most:g} N): see the covariance of relative_pose, and what the estimator's diagnostics say"
+            f"{most:g} N): see the covariance of relative_pose, what the estimator's diagnostics say, and what the "
+            "identification left unexplained"
         )

@@ -69,6 +69,16 @@ class Analysis:
         return tuple(AXES[j] for j in self.problem.hysteretic)
 
     @property
+    def unexplained(self) -> Array:
+        """(6,) share of each component about T that the stiffness leaves of poses that the fit did not see.
+
+        Friction counts, which the fit explains and a bushing does not.
+        """
+        friction = self.solution.value.friction * np.sqrt((self.problem.z**2).mean(axis=0))
+        spread = np.maximum(self.problem.wrench[self.solution.inlier].std(axis=0), 1e-12)
+        return np.asarray(np.hypot(self.left_out_share, friction / spread))
+
+    @property
     def outliers(self) -> tuple[str, ...]:
         """Keys of the samples that were left out."""
         return tuple(s.key for s, good in zip(self.data.samples, self.solution.inlier, strict=True) if not good)

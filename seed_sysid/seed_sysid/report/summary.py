@@ -7,7 +7,7 @@ import numpy as np
 
 from seed_core.config import checked
 from seed_core.spatial import inverse_pose
-from seed_core.stiffness_file import IdentifiedGrip, StiffnessFile
+from seed_core.stiffness_file import MOST_UNEXPLAINED, IdentifiedGrip, StiffnessFile
 from seed_sysid.data.dataset import DatasetError
 from seed_sysid.fit.analysis import Analysis
 from seed_sysid.fit.membrane_map import MembraneResult
@@ -99,5 +99,14 @@ def stiffness_file(a: Analysis, date: str) -> StiffnessFile:
         grips.append(IdentifiedGrip(pressure, width, *(tuple(v) for v in stiffness_and_std.tolist())))
     head = a.data.header
     model = a.problem.parameters.model
-    file = StiffnessFile(head.hand or "hand", head.tool or "tool", date, tuple(grips), model)
+    roll, pitch, yaw, x, y, z = np.clip(a.unexplained, 0.0, MOST_UNEXPLAINED).tolist()
+    file = StiffnessFile(
+        head.hand or "hand",
+        head.tool or "tool",
+        date,
+        tuple(grips),
+        model,
+        torque_unexplained=(roll, pitch, yaw),
+        force_unexplained=(x, y, z),
+    )
     return checked(file, "stiffness.yaml")
