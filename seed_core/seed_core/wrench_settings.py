@@ -23,7 +23,8 @@ class WrenchSettings(MapUncertainty):
     )
     file: str = field(
         "",
-        doc="membrane_map.yaml or hysteretic_spring.yaml; of a bushing stiffness.yaml, for deviations and age",
+        doc="membrane_map.yaml or hysteretic_spring.yaml; of a bushing stiffness.yaml, for deviations, age and what is "
+        "unexplained",
     )
 
 
