@@ -5,15 +5,17 @@ import math
 
 import pytest
 
-from seed_driver.robot.connection import STATES
+from seed_driver.process.shared_memory import RobotState
+from seed_driver.robot.connection import STATES, where_meant
 from seed_driver.robot.link import RUNNING, LinkError, unable
 from seed_driver.robot.state_checks import StateError, check_state
 from seed_ur import rtde
 from seed_ur.standin.controller import Controller
 from seed_ur.standin.options import PERIOD, Options
 
-NUMBERS = [n for n in STATES if rtde.FORMATS[rtde.OUTPUTS[n]].endswith("d")]
-WORDS = [n for n in STATES if n not in NUMBERS]
+MEANT = "target_q", "target_TCP_pose"  # used only where they are next to what the arm does
+NUMBERS = [n for n in STATES if rtde.FORMATS[rtde.OUTPUTS[n]].endswith("d") and n not in MEANT]
+WORDS = [n for n in STATES if n not in NUMBERS and n not in MEANT]
 
 
 def values() -> dict:
@@ -47,6 +49,16 @@ def test_a_number_that_cannot_be_is_named(name: str, value: float) -> None:
     for index in range(length):
         with pytest.raises(StateError, match=name):
             check_state(spoiled(name, index, value))
+
+
+@pytest.mark.parametrize("off", [6e-3, -6e-3, math.nan, math.inf, -math.inf, 1e300])
+def test_a_target_that_the_arm_is_not_next_to_is_not_taken_for_it(off: float) -> None:
+    arm = RobotState(p=(0.4, 0.1, 0.3))
+    near = arm._replace(q=(0.0, 0.01, *arm.q[2:]), p=(0.4, 0.101, 0.3))
+    assert where_meant(arm, near) is near
+    assert where_meant(arm, near._replace(p=(0.4, 0.1 + off, 0.3))) is arm
+    assert where_meant(arm, near._replace(q=(0.0, 4.0 * off, *arm.q[2:]))) is arm
+    assert where_meant(arm, near._replace(orientation=(0.0, 2.0 * off, 0.0, 1.0))) is arm
 
 
 @pytest.mark.parametrize("value", [-2, 99, 2**31 - 1])
