@@ -63,6 +63,17 @@ def test_what_an_identification_left_unexplained_counts_where_it_is_more_than_us
         assert_allclose(np.sqrt(model.spring(estimate).covariance[3 + axis, 3 + axis]), 8.0 * own, rtol=1e-3)
 
 
+def test_the_file_that_the_stiffness_follows_tells_how_well_it_is_known_and_checks_no_pressure(tmp_path: Path) -> None:
+    settings, name = WrenchSettings(coupling=0.0, lever=0.0), written(tmp_path, FILE)
+    model, pressure = choose_model(settings, DEFAULT_STIFFNESS, Hand(), LATER, name)
+    same, _ = choose_model(replace(settings, file=name), DEFAULT_STIFFNESS, Hand(), LATER)
+    estimate = RelativePoseEstimate(0.0, make_pose(p=(0.0, 0.0, -0.01)), 1e-14 * np.eye(6))
+    assert_allclose(model.spring(estimate).covariance, same.spring(estimate).covariance)
+    membrane = tuple(MembraneMotion(f, np.eye(4), pressure=9.0, indentation=2e-3) for f in ("left", "right"))
+    pressure.update(replace(estimate, membrane=membrane))
+    assert pressure.reason == ""
+
+
 @pytest.mark.parametrize(
     ("settings", "words"),
     [

@@ -24,7 +24,7 @@ class WrenchSettings(MapUncertainty):
     file: str = field(
         "",
         doc="membrane_map.yaml or hysteretic_spring.yaml; of a bushing stiffness.yaml, for deviations, age and what is "
-        "unexplained",
+        "unexplained: that of grip.file where none is given",
     )
 
 

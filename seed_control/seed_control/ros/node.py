@@ -116,7 +116,7 @@ class ControllerNode(SeedNode):
         if assumed := self._assumed_tool():
             self.get_logger().warning(assumed)
 
-        model, pressure = choose_model(wrench, stiffness, hand, datetime.now(UTC))
+        model, pressure = choose_model(wrench, stiffness, hand, datetime.now(UTC), schedule.file)
         self.core = Controller(self.parameters, hand, self.tool, stiffness, model, references, pressure)
         self.clocks = read_clocks(self.settings.clocks)
         self.core.checks.clock_problem = self.clocks.problem

@@ -26,13 +26,14 @@ class ChosenModel(NamedTuple):
 
 
 def choose_model(
-    settings: WrenchSettings, stiffness: Stiffness, hand: Hand, today: datetime | None = None
+    settings: WrenchSettings, stiffness: Stiffness, hand: Hand, today: datetime | None = None, grips: str = ""
 ) -> ChosenModel:
     """The model that the settings ask for.
 
     Args:
         stiffness: of the bushing. hand: in use.
         today: with its time zone, for the age of an identification; None: it is new.
+        grips: stiffness.yaml that the stiffness follows; tells how well a bushing is known if no other file does.
 
     Raises:
         ConfigError: no file where one is needed, one that cannot be read, or of another hand; or no such model.
@@ -53,13 +54,14 @@ def choose_model(
     if settings.model != "bushing":
         raise ConfigError(f"wrench.model = '{settings.model}': seed_control.wrench.choose_model cannot make it")
     bushing = BushingModel(Bushing(stiffness), settings)
-    if not settings.file:
+    if not (name := settings.file or grips):
         return ChosenModel(bushing, PressureCheck())
-    file = load_stiffness(settings.file)
-    same_hand(settings.file, file.hand, hand)
+    file = load_stiffness(name)
+    same_hand(name, file.hand, hand)
     unexplained = np.array(file.torque_unexplained + file.force_unexplained)
     bushing.identified(relative_deviations(file), age(file.date, today) if today is not None else 0.0, unexplained)
-    return ChosenModel(bushing, PressureCheck([grip.pressure_hpa for grip in file.grips]))
+    pressures = [grip.pressure_hpa for grip in file.grips] if settings.file else []
+    return ChosenModel(bushing, PressureCheck(pressures))
 
 
 def relative_deviations(file: StiffnessFile) -> np.ndarray | None:
