@@ -263,3 +263,15 @@ def test_an_arm_that_is_not_quite_our_model_is_led_all_the_same(memory, joint_sp
     np.testing.assert_allclose(run.motion.command[0], goal, atol=1e-5)
     fastest = np.linalg.norm(np.diff([c for c, _ in run.commands[1:]], axis=0), axis=1).max() / DT
     assert fastest <= 0.25
+
+
+def test_an_arm_that_could_go_on_only_with_its_joints_turned_over_says_so(memory) -> None:
+    """It stood there without a reason, as long as the target was near enough to be accepted."""
+    run = Run(memory)
+    run.motion.accept_targets()
+    run.motion.joints.restart((1.0, *ELBOW_UP[1:]))  # as at the end of a branch: every way on is a jump
+    run.steps(240, run.along_y(0.02))
+    assert run.motion.latch.reason == ""
+    run.steps(20, run.along_y(0.02))
+    assert "only with its joints turned over" in run.motion.latch.reason
+    assert np.abs(np.array([p for p, _ in run.commands]) - run.p).max() < 1e-6

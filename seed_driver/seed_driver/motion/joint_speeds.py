@@ -8,6 +8,8 @@ from seed_core.vector3 import Vector3, norm
 from seed_driver.motion.limiter import BRAKE_SHARE, CommandLimiter
 from seed_ur.kinematics import KinematicsError, URKinematics
 
+NO_WAY = 0.5  # [s] at the end of a branch after which it is said: a target may lead away from there again
+
 
 class JointSpeeds:
     """Keeps every joint within its speed, by our own inverse kinematics of the limiter's next pose."""
@@ -46,6 +48,7 @@ class JointSpeeds:
             with suppress(KinematicsError):  # out of our model's reach: said when it is to move
                 self._q = self._arm.follow(to_pose(*pose), q)
         self._since = 0.0  # [s] of motion since then
+        self._ended = 0.0  # [s] that it stands where a branch ends
         self._steps_ahead = 0  # that need no look, because every joint is far below its limit
 
     def limit(self, limiter: CommandLimiter) -> str:
@@ -70,12 +73,20 @@ class JointSpeeds:
                 q = self._arm.follow(to_pose(*limiter.next_pose()), self._q)
                 if self._share(q, dt) < 0.9:
                     limiter.slow(0.0)  # a branch ends here
-                    return ""
-            self._q = q
+                    return self._no_way(limiter.dt)
+            self._q, self._ended = q, 0.0
         except KinematicsError as error:
             limiter.slow(0.0)
             return str(error)
         return ""
+
+    def _no_way(self, dt: float) -> str:
+        """The reason to hold once the arm has stood for long enough where it would have to turn over to go on."""
+        self._ended += dt
+        if self._ended < NO_WAY:
+            return ""
+        self._ended = 0.0
+        return "from here the arm goes on to the target only with its joints turned over: go another way, or in joints"
 
     def _brake(self, limiter: CommandLimiter) -> None:
         """Lower the limits in use towards those wanted by as much as slows the flange at its accelerations."""
