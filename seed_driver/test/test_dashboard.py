@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from seed_driver.power import robot_api
+from seed_driver.power.recovery import local_control, power_on
 from seed_driver.robot import dashboard as module
-from seed_driver.robot import robot_api
 from seed_driver.robot.dashboard import LateError, NoDashboardError, dashboard
 from seed_driver.robot.link import LinkError
-from seed_driver.robot.recovery import local_control, power_on
 
 HOST = "127.0.77.8"
 ANSWERS = {"safetystatus": "Safetystatus: NORMAL", "power on": "Powering on", "brake release": "Brake releasing"}

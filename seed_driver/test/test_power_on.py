@@ -3,10 +3,10 @@
 
 import pytest
 
-from seed_driver.robot import recovery, robot_api
+from seed_driver.power import recovery, robot_api
+from seed_driver.power.recovery import power_on, restart_safety, unlock
 from seed_driver.robot.dashboard import NoDashboardError
 from seed_driver.robot.link import LinkError
-from seed_driver.robot.recovery import power_on, restart_safety, unlock
 
 HOST = "127.0.77.6"
 

@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from seed_driver.robot import robot_api
+from seed_driver.power import robot_api
+from seed_driver.power.recovery import restart_safety
+from seed_driver.power.robot_api import PATH, switch
 from seed_driver.robot.link import LinkError
-from seed_driver.robot.recovery import restart_safety
-from seed_driver.robot.robot_api import PATH, switch
 
 HOST = "127.0.77.3"
 

@@ -14,9 +14,9 @@ from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from seed_core.errors import SeedError
+from seed_driver.power.recovery import local_control, power_on, recover, restart_safety, unlock
 from seed_driver.process.supervisor import Supervisor
 from seed_driver.robot.link import LinkError
-from seed_driver.robot.recovery import local_control, power_on, recover, restart_safety, unlock
 from seed_driver.robot.tool_io import set_tool_output, set_tool_voltage
 from seed_ros import SeedNode
 

@@ -7,9 +7,9 @@ Source: Universal Robots, "Dashboard Server e-Series"; the order is that of UR's
 import time
 from collections.abc import Callable
 
+from seed_driver.power.robot_api import switch
 from seed_driver.robot.dashboard import LOCAL_CONTROL, LateError, NoDashboardError, dashboard
 from seed_driver.robot.link import LinkError
-from seed_driver.robot.robot_api import switch
 
 Ask = Callable[..., str]  # dashboard commands in turn; the last answer
 Pause = Callable[[float], None]
