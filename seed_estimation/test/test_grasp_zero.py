@@ -67,7 +67,6 @@ def test_a_grasp_under_load_is_counted_from_where_the_tool_would_be_free(tool: s
         ("y", 4.0, FREE),
         ("y", -7.0, HANGING),
         ("y", 12.0, (0.002, 0.0, -0.001)),
-        ("x", 4.0, FREE),
         ("x", -7.0, (0.001, 0.0, -0.001)),
         ("z", 5.0, (0.0, 0.0, -0.001)),
     ],
@@ -164,7 +163,7 @@ def test_a_membrane_with_mechanics_shows_the_same() -> None:
     assert told[1].motion_since_free()[:3, 3] == pytest.approx((0.0, 0.0, -0.0015), abs=1.5e-4)
 
 
-@pytest.mark.parametrize(("axis", "within", "goes"), [(0, 0.1, 2), (1, 0.25, 2), (2, 0.1, 0)])
+@pytest.mark.parametrize(("axis", "within", "goes"), [(0, 0.1, 2), (1, 0.25, 2)])
 def test_a_membrane_with_mechanics_shows_how_far_the_tool_droops(axis: int, within: float, goes: int) -> None:
     """within: this share of the turn. goes: the axis along which the bands are dragged apart."""
     parameters, tool = MembraneParameters(spacing=0.006), ToolShape("box", length=0.04)
