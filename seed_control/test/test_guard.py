@@ -21,7 +21,7 @@ from seed_control.setpoint.setpoints import HybridSetpoint, RelativePoseSetpoint
 from seed_control.state import EventLog
 from seed_control.wrench.history import PoseHistory
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.spatial import Wrench, make_pose, rotation_from_rpy
+from seed_core.spatial import Wrench, make_pose, rotation_from_rpy, so3_exp
 from seed_core.vector3 import ZERO
 
 UP = np.array(((0.0, 0.0, 1.0),))
@@ -347,6 +347,32 @@ def test_frozen_poses_are_noticed_though_the_arms_history_began_after_the_first(
     assert [frozen.check(b, a, history) for a, b in itertools.pairwise(told)] == [""] * 4
     history.add(0.25, make_pose(np.eye(3), (0.0, 0.0, 5e-3)))
     assert "estimate is frozen" in frozen.check(RelativePoseEstimate(0.25, np.eye(4)), told[-1], history)
+
+
+@pytest.mark.parametrize(
+    ("way", "turn", "words"),
+    [
+        (4e-4, 2e-3, ""),
+        (6e-4, 0.0, "the arm has moved by 0.6 mm and 0.0 degrees"),
+        (0.0, 5e-3, "the arm has moved by 0.0 mm and 0.3 degrees"),
+    ],
+)
+def test_a_pose_is_frozen_that_stays_to_the_last_bit_though_the_arm_moves_or_turns(way, turn, words: str) -> None:
+    """From the first pose that is so, however small each step is. Where the arm stands it is told after half a second."""
+    check, history = FrozenPoseCheck(), PoseHistory()
+    told = [RelativePoseEstimate(0.05 * i, np.eye(4)) for i in range(21)]
+    for i, estimate in enumerate(told):
+        history.add(estimate.stamp, make_pose(so3_exp((turn * i / 20, 0.0, 0.0)), (0.0, 0.0, way * i / 20)))
+    found = [check.check(b, a, history) for a, b in itertools.pairwise(told)]
+    assert words in found[-1]
+    assert bool(found[-1]) is bool(words)
+    assert found[:10] == [""] * 10
+    assert "the same to the last bit for 1.0 s" in check.warning
+    check.check(RelativePoseEstimate(1.05, make_pose(p=(1e-9, 0.0, 0.0))), told[-1], history)
+    assert check.warning == ""
+    for a, b in itertools.pairwise(told[:11]):
+        check.check(b, a, history)
+        assert check.warning == ""
 
 
 def here(bench: Bench) -> np.ndarray:

@@ -9,7 +9,7 @@ from seed_control.wrench.history import PoseHistory
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import Array, length, so3_log
 
-_MOVED = 5e-4, 3e-3  # [m], and of a rotation matrix: so far the arm goes before a pose must differ in its last bits
+_MOVED = 5e-4, 3e-3  # [m], [rad]: so far the arm goes before a pose must differ in its last bits
 _TOLD = 7.0  # deviations of a component, from which on a jump is told
 _LONG = 0.5  # [s] of poses that are the same, which is told
 _NOISE = 8.5  # deviations of a component (six of a difference) that a jump stands out by
@@ -50,13 +50,13 @@ class FrozenPoseCheck:
         now = history.at(estimate.stamp)
         if self._from is None or now is None:
             return ""
-        way, turn = now[:3, 3] - self._from[:3, 3], abs(now[:3, :3] - self._from[:3, :3]).max()
+        way, turn = now[:3, 3] - self._from[:3, 3], length(so3_log(self._from[:3, :3].T @ now[:3, :3]))
         moved = float(way @ way) ** 0.5
         if moved <= _MOVED[0] and turn <= _MOVED[1]:
             return ""
         return (
             f"estimate is frozen: the pose is the same to the last bit though the arm has moved by {1e3 * moved:.1f} "
-            "mm: restart the estimator, or see whether the cameras still send"
+            f"mm and {degrees(turn):.1f} degrees: restart the estimator, or see whether the cameras still send"
         )
 
 
