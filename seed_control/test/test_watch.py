@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from quasi_static import DT, Bench
 
-from seed_control.monitor.contact.contact_motion import ContactMotion
+from seed_control.monitor.contact.contact_motion import ContactMotion, FollowedMotion
 from seed_control.monitor.contact.force_watch import ForceWatch
 from seed_control.monitor.contact.late_stamps import LateStamps
 from seed_control.monitor.contact.swing import LEGS, Swing
@@ -94,6 +94,56 @@ def test_a_grasp_that_slides_does_not_hold_as_if_stamps_were_late(late: float) -
             watch.update(followed, lambda: motion.sure(n, history))
     assert max(seen) > 0.07  # the lag alone would hold
     assert bool(watch.reason) == bool(late)
+
+
+def look(shift: float, deviation=0.006, share=0.9, explained=0.97, steepness=0.1) -> FollowedMotion:
+    return FollowedMotion(shift, deviation, share, explained, steepness)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("shifts", "sure", "holds"),
+    [
+        ([0.069] * 4, 20.0, [False] * 4),
+        ([0.08, 0.08], 20.0, [False, True]),  # by less than two deviations beyond the bound of 70 ms
+        ([0.083], 20.0, [True]),
+        ([0.08, 0.06, 0.08, 0.08], 20.0, [False, False, False, True]),
+        ([0.1, 0.1], 5.0, [False, False]),  # a grasp that slides might look like this
+    ],
+)
+def test_stamps_hold_that_are_wrong_twice_in_a_row_or_beyond_doubt(shifts, sure, holds, sign: float) -> None:
+    watch, held = LateStamps(ControllerParameters()), []
+    for shift in shifts:
+        watch.update(look(sign * shift), lambda: sure)
+        assert f"too {'late' if sign > 0.0 else 'early'}, as" in watch.warning
+        assert watch.warning.endswith("or the grasp slides") is (sure < 9.0)
+        held.append(bool(watch.reason))
+    assert held == holds
+    watch.restart()
+    assert not watch.reason
+    watch.update(look(0.05), lambda: 0.0)
+    assert not watch.reason
+    assert watch.warning.endswith("as the motion in contact shows")
+    watch.update(look(0.035), lambda: 0.0)
+    assert not watch.warning
+
+
+@pytest.mark.parametrize(
+    "seen",
+    [
+        None,
+        look(0.1, deviation=0.013),
+        look(0.1, share=0.09),
+        look(0.1, share=1.5),
+        look(0.1, explained=0.89),
+        look(0.1, steepness=0.029),
+    ],
+)
+def test_a_motion_that_the_gripper_explains_badly_says_nothing_of_stamps(seen: FollowedMotion | None) -> None:
+    watch = LateStamps(ControllerParameters())
+    watch.update(look(0.01), lambda: 20.0)
+    watch.update(seen, lambda: 20.0)
+    assert (watch.error, watch.deviation, watch.warning, watch.reason) == (0.01, 0.006, "", "")
 
 
 @pytest.mark.parametrize("foretold", [False, True])
