@@ -214,6 +214,37 @@ def test_a_force_that_is_off_by_turns_stays_told_until_it_is_well_within() -> No
     assert not told[-1]
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("along", "deviation", "holds"),
+    [
+        ([10.0, 5.0], 0.05, False),
+        ([12.9, 5.0], 0.05, False),
+        ([13.1, 5.0], 0.05, True),  # of either direction
+        ([10.0, 8.1], 0.05, True),
+        ([13.9, 5.0], 1.0, False),  # four deviations
+        ([14.1, 5.0], 1.0, True),
+        ([2.0, 0.0], 0.05, False),  # too little presses on nothing
+    ],
+)
+def test_a_force_that_is_too_large_in_three_images_in_a_row_holds(along, deviation, holds, sign: float) -> None:
+    watch, right, held = ForceWatch(3.0), [sign * 10.0, -5.0], []
+    force = [sign * along[0], -along[1]]
+    for i, told in enumerate([right] * 20 + [force] * 2 + [right] + [force] * 3):
+        watch.update(0.02 * i, told, right, deviation, True)
+        held.append(bool(watch.reason))
+    assert held == [False] * 25 + [holds]
+
+
+@pytest.mark.parametrize(("deviation", "told"), [(0.05, True), (1.0, False)])
+def test_what_a_force_is_off_by_is_told_of_the_worst_direction_without_the_noise(deviation: float, told: bool) -> None:
+    watch = ForceWatch(3.0)
+    for i in range(100):
+        watch.update(0.02 * i, [-7.9, 5.1], [-10.0, 5.0], deviation, i > 20)
+        assert not (watch.warning and i <= 60)  # a second of it, once the force is built up
+    assert watch.warning[:46] == ("the force is off by 2.1 N (wanted 10.0 N): the" if told else "")
+
+
 @pytest.mark.parametrize(("short_by", "told"), [(0.0, False), (4.0, True)])
 def test_a_force_is_watched_though_another_one_is_wanted_all_the_time(short_by: float, told: bool) -> None:
     """Streamed set-points change more often than a force is built up."""
