@@ -13,6 +13,7 @@ from seed_control.monitor.contact.force_watch import ForceWatch
 from seed_control.monitor.contradiction import WindowTest
 from seed_control.monitor.correction import Correction
 from seed_control.monitor.pressure_check import PressureCheck
+from seed_control.monitor.weight_check import FreeSpaceSample
 from seed_control.parameters import LAWS
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.wrench.filters import WantedTurn
@@ -185,6 +186,24 @@ def test_an_arm_that_falls_silent_is_told_after_its_clock_was_set_back() -> None
         m = estimator.measure(RelativePoseEstimate(t, HANGING, 1e-8 * np.eye(6)), X_WE)
         check.update(m, m.spring, m.spring, 1e-4 * np.eye(6), [], t)
     assert "arm_wrench is silent" in check.reason
+
+
+@pytest.mark.parametrize("first", ["reading", "image"])
+def test_a_reading_whose_offset_has_changed_is_of_use_again_after_the_clock_was_set_back(first: str) -> None:
+    check, estimator, C = ArmCheck(ReferenceSettings(), Hand().X_EC, Tool()), made().wrench_estimator, 1e-4 * np.eye(6)
+    seen = []
+    for start, count, force in ((1000.0, 12, 5.0), (1002.0, 3, 25.0), (900.0, 12, 25.0)):
+        for i in range(count):
+            t = start + 0.1 * i
+            m = estimator.measure(RelativePoseEstimate(t, HANGING, 1e-8 * np.eye(6)), X_WE)
+            weight = estimator.true_weight(m.X_WT[:3, :3])
+            free = FreeSpaceSample(m, m.spring.vector(), -weight.vector(), C, C, verified=True)
+            if first == "reading" or i:
+                for stamp in (t - 0.01, t, t + 0.01):
+                    check.add(stamp, Wrench(np.zeros(3), np.array((0.0, 0.0, force))))
+            check.update(m, m.spring, weight, C, [free], t + 0.01)
+        seen.append(check.reading is not None)
+    assert seen == [True, False, True]
 
 
 def test_a_pressure_that_falls_silent_is_told_after_the_clock_was_set_back() -> None:

@@ -85,7 +85,7 @@ class ArmCheck:
         if not (isfinite(stamp) and np.isfinite(v).all()):
             raise SeedError(f"arm_wrench at {stamp} s has a value that is not finite: {v} (N m, N)")
         if stamp < self._newest - SET_BACK:
-            self._readings.clear()
+            self._set_back()
         elif stamp <= self._newest:
             raise SeedError(f"arm_wrench of {stamp:.3f} s comes after one of {self._newest:.3f} s")
         force, torque = float(np.abs(v[3:]).max()), float(np.abs(v[:3]).max())
@@ -113,7 +113,7 @@ class ArmCheck:
         if not self.there:
             return
         if self._newest > t + SET_BACK:  # readings of a time to come; one is due from now on
-            self._readings.clear()
+            self._set_back()
             self._newest = t
         if why := self._why_unusable(t):
             self.reason = why
@@ -143,6 +143,11 @@ class ArmCheck:
             self.reason = ""
         elif self._test.to_be_told(t):
             self.reason = self._words(told)
+
+    def _set_back(self) -> None:
+        """The clock was: no reading is as old as what comes now."""
+        self._readings.clear()
+        self._zeroed = -inf
 
     def _steps(self, told: Array, difference: Array, random: Array) -> bool:
         """Whether the reading has stepped by itself since one of the last updates: its sensor was zeroed, say.
