@@ -15,12 +15,15 @@ from seed_control.command.free_travel import FreeTravel
 from seed_control.command.guard import Guard
 from seed_control.command.limiter import VectorLimiter
 from seed_control.law.contact import ForceShare
-from seed_control.monitor.pose_checks import FrozenPoseCheck
+from seed_control.monitor.pose_checks import FrozenPoseCheck, PoseJumpCheck
 from seed_control.parameters import ControllerParameters
 from seed_control.setpoint.setpoints import HybridSetpoint, RelativePoseSetpoint
 from seed_control.state import EventLog
+from seed_control.wrench.estimate import WrenchEstimator
 from seed_control.wrench.history import PoseHistory
+from seed_core.bushing import Bushing
 from seed_core.estimate import RelativePoseEstimate
+from seed_core.hand import DEFAULT_STIFFNESS, Tool
 from seed_core.spatial import Wrench, make_pose, rotation_from_rpy, so3_exp
 from seed_core.vector3 import ZERO
 
@@ -373,6 +376,55 @@ def test_a_pose_is_frozen_that_stays_to_the_last_bit_though_the_arm_moves_or_tur
     for a, b in itertools.pairwise(told[:11]):
         check.check(b, a, history)
         assert check.warning == ""
+
+
+class Poses:
+    """Of a tool in the grasp, from one at rest on; bounds are 3.5 mm and 0.07 rad, and for 20 ms of motion."""
+
+    def __init__(self, deviation: float = 1e-4, flange_moves: float = 0.0) -> None:
+        """deviation: [m], [rad] of an image. flange_moves: [m] in 20 ms."""
+        p = ControllerParameters(max_jump=3.5)
+        self.check, self.history, self._C = PoseJumpCheck(p), PoseHistory(), deviation**2 * np.eye(6)
+        self.most = 3.5e-3 + 0.02 * p.press_speed, 0.07 + 0.02 * p.max_angular_speed
+        for i in range(200):
+            self.history.add(0.02 * i, make_pose(p=(0.0, 0.0, flange_moves * i)))
+        measure = WrenchEstimator(Tool(), Bushing(DEFAULT_STIFFNESS), True, 3e-4).measure
+        self._m = measure(RelativePoseEstimate(0.1, np.eye(4), self._C), np.eye(4))
+
+    def jumped(self, shift: float, turn: float = 0.0, after: float = 0.02) -> bool:
+        """Whether a pose that is so far off has, that much later [s]."""
+        X_CT = make_pose(so3_exp((0.0, turn, 0.0)), (shift, 0.0, 0.0))
+        estimate = RelativePoseEstimate(0.1 + after, X_CT, self._C)
+        return "has jumped by" in self.check.check(estimate, self._m, self.history, 1000.0, 50.0)
+
+
+@pytest.mark.parametrize(("shift", "turn", "jumps"), [(0.98, 0.98, False), (1.02, 0.0, True), (0.0, 1.02, True)])
+def test_a_pose_jumps_by_its_place_or_its_turn(shift: float, turn: float, jumps: bool) -> None:
+    poses = Poses()
+    assert poses.jumped(shift * poses.most[0], turn * poses.most[1]) is jumps
+    if jumps:  # time does not mend it; another pose is judged by the time since the last good one
+        assert poses.jumped(shift * poses.most[0], turn * poses.most[1], after=0.5)
+        assert not poses.jumped(-shift * poses.most[0], -turn * poses.most[1], after=0.5)
+        assert not poses.jumped(shift * poses.most[0], turn * poses.most[1], after=0.5)
+
+
+def test_noise_and_the_flanges_way_are_no_jump() -> None:
+    assert Poses().jumped(8e-3)
+    assert not Poses(deviation=1e-3).jumped(8e-3)
+    assert Poses().jumped(0.0, 0.15)
+    assert not Poses(deviation=0.02).jumped(0.0, 0.15)
+    assert not Poses(flange_moves=5e-3).jumped(8e-3)
+    assert Poses(flange_moves=5e-3).jumped(8e-3, after=0.0)
+
+
+def test_the_largest_jump_that_does_not_hold_is_told() -> None:
+    poses = Poses()
+    for shift, told in ((6e-4, ""), (2e-3, "2.0"), (3e-3, "3.0"), (2e-3, "3.0")):
+        assert not poses.jumped(shift + 0.02 * poses.check.parameters.press_speed)
+        assert bool(poses.check.newest) is bool(told)
+        assert told in poses.check.warning
+    assert "jumped by 2.0 mm" in poses.check.newest
+    assert "off by 2.0 N" in poses.check.newest
 
 
 def here(bench: Bench) -> np.ndarray:

@@ -2,12 +2,14 @@
 """Poses that are wrong from one image on: what a tool that stands shows, and what nothing shows while it wipes."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from quasi_static import DT, Bench
 
+from seed_control.monitor.pose_step import PoseStep
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.spatial import make_pose
 
@@ -65,6 +67,59 @@ def test_a_step_that_a_surface_might_have_holds_where_the_gripper_stands(sign: f
     bench.press(5.0)
     bench.run(0.2)
     assert "has not hung free since" in bench.state.reason
+
+
+def seen(check: PoseStep, tool: float, gripper=(0.0, 0.0), tip=0.0, force: float = 5.0, images: int = 8) -> None:
+    """Heights of tool and gripper [m], and places of gripper and tip across; 800 N/m, 5 N are wanted."""
+    tip += gripper[1]
+    n, X_WT = np.array((0.0, 0.0, 1.0)), make_pose(p=(0.0, 0.0, tool))
+    X_WC = make_pose(p=(gripper[1], 0.0, 0.3 + gripper[0]))
+    on_environment = SimpleNamespace(force=force * n)
+    m = SimpleNamespace(X_WC=X_WC, X_WT=X_WT, on_environment=on_environment, variance=1e-8)
+    for _ in range(images):
+        check.update(m, n, 5.0, np.array((tip - gripper[1], 0.0, 0.1)), 800.0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("tool", "gripper", "tip", "force", "told", "holds"),
+    [
+        (1.2e-3, (0.0, 0.0), 0.0, 5.0, "", False),  # 0.96 N, less than a fifth of what is wanted
+        (1.3e-3, (0.0, 0.0), 0.0, 5.0, "1.3 mm", False),  # less than seven deviations, which are 0.2 mm at least
+        (1.5e-3, (0.0, 0.0), 0.0, 5.0, "1.5 mm", True),
+        (2.2e-3, (0.9e-3, 0.0), 0.0, 5.0, "1.3 mm", False),  # it gives way to the gripper
+        (2.2e-3, (-0.9e-3, 0.0), 0.0, 5.0, "2.2 mm", True),
+        (3.0e-3, (1.1e-3, 0.0), 0.0, 5.0, "", False),  # that presses on
+        (2.2e-3, (0.0, 1.1e-3), -1.1e-3, 5.0, "2.2 mm", True),  # it turns about the tip
+        (2.2e-3, (0.0, 0.0), 1.1e-3, 5.0, "2.2 mm", True),
+        (2.2e-3, (0.0, 1.1e-3), 0.0, 5.0, "", False),  # both go across
+        (2.2e-3, (0.0, 0.0), 0.0, 1.4, "", False),  # contact was lost
+    ],
+)
+def test_a_step_is_what_the_gripper_does_not_explain(tool, gripper, tip, force, told, holds, sign: float) -> None:
+    check = PoseStep()
+    seen(check, 0.0)
+    seen(check, sign * tool, (sign * gripper[0], gripper[1]), tip, force)
+    assert bool(check.warning) is bool(told)
+    assert told in check.warning
+    assert bool(check.reason) is holds
+
+
+def test_a_step_is_one_from_image_to_image_without_a_gap_and_the_largest_is_told() -> None:
+    check = PoseStep()
+    seen(check, 0.0)
+    check.clear()
+    seen(check, 2e-3)
+    assert not check.warning
+    for step, told in ((2e-3, "2.0 mm"), (1.5e-3, "2.0 mm"), (2.5e-3, "2.5 mm")):
+        check.clear()
+        seen(check, 0.0)
+        seen(check, step)
+        assert told in check.warning
+    slow = PoseStep()
+    for i in range(40):
+        seen(slow, 2e-4 * i, images=1)  # 3 mm within 16 images
+    assert not slow.warning
 
 
 def test_a_surface_that_is_gone_is_no_step_of_the_poses() -> None:

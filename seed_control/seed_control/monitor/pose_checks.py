@@ -93,11 +93,7 @@ class PoseJumpCheck:
         p, noise, self.newest = self.parameters, m.variance**0.5, ""
         size = length(estimate.X_CT[:3, 3] - m.X_CT[:3, 3])
         turn = length(so3_log(m.X_CT[:3, :3].T @ estimate.X_CT[:3, :3]))
-        noise_turn = _NOISE * m.rotation_deviation
-        bounds = max(p.max_jump / stiffness, _NOISE * noise), max(p.max_jump / turning, noise_turn)
-        if size <= _TOLD * noise and turn <= noise_turn:
-            self._to = None
-            return ""
+        bounds = max(p.max_jump / stiffness, _NOISE * noise), max(p.max_jump / turning, _NOISE * m.rotation_deviation)
         dt = max(estimate.stamp - m.stamp, 0.0)
         moved, turned = p.max_speed * dt, p.max_angular_speed * dt
         before, now = history.at(m.stamp), history.at(estimate.stamp)
