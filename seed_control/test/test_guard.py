@@ -361,7 +361,7 @@ def test_frozen_poses_are_noticed_though_the_arms_history_began_after_the_first(
     ],
 )
 def test_a_pose_is_frozen_that_stays_to_the_last_bit_though_the_arm_moves_or_turns(way, turn, words: str) -> None:
-    """From the first pose that is so, however small each step is. Where the arm stands it is told after half a second."""
+    """From the first pose that is so, however small each step is. It is told after half a second."""
     check, history = FrozenPoseCheck(), PoseHistory()
     told = [RelativePoseEstimate(0.05 * i, np.eye(4)) for i in range(21)]
     for i, estimate in enumerate(told):
