@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 from quasi_static import Bench
 
+from seed_control.monitor.grasp_check import GraspCheck
 from seed_control.setpoint.setpoints import HybridSetpoint, SetpointError
-from seed_core.estimate import EMPTY, RelativePoseEstimate
+from seed_control.wrench.estimate import WrenchEstimator
+from seed_core.bushing import Bushing
+from seed_core.estimate import EMPTY, NEW_GRASP, RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS, Tool
-from seed_core.spatial import Wrench, inverse_pose, make_pose
+from seed_core.spatial import Wrench, inverse_pose, make_pose, so3_exp
 
 NOISE = 3e-4  # [m]
 K = np.array(DEFAULT_STIFFNESS.translation)
@@ -128,6 +131,48 @@ def test_a_jump_that_leaves_most_of_the_force_is_not_forgotten_by_enable() -> No
     bench.press(15.0)
     assert bench.run(0.5).mode == "holding"
     assert re.search(r"has jumped, and \d\.\d of 1\d\.\d N are gone since.* has not hung free", bench.state.reason)
+
+
+def pressed_again(step=(0.0, 0.0, 0.0), turn: float = 0.0, force: float = 0.0, angle: float = 0.0, why="") -> str:
+    """What speaks against a grasp after a jump, or a new grasp, that was pressed with 5 N, and has such a force then.
+
+    step, turn: the arm's since [m], [rad]. angle: [rad] by which the pose has turned as it jumped.
+    """
+    check, rng = GraspCheck(Tool(mass=0.0), 1.0), np.random.default_rng(2)
+    measure = WrenchEstimator(Tool(mass=0.0), Bushing(DEFAULT_STIFFNESS), True, 3e-4).measure
+    k, stated = K[2], np.diag([np.deg2rad(0.5) ** 2] * 3 + [1e-8] * 3)
+    for i in range(30):
+        if i == 15:
+            check.new_grasp(why)
+        new = i >= 15
+        lifted = (5.0 if not new else force) / k + 1e-4 * rng.standard_normal()
+        X_CT = make_pose(so3_exp((angle * new, 0.0, 0.0)), (0.0, 0.0, lifted))
+        X_WC = make_pose(so3_exp((turn * new, 0.0, 0.0)), np.array(step) * new)
+        check.update(measure(RelativePoseEstimate(0.02 * i, X_CT, stated), X_WC), None, k)
+    return check.reason
+
+
+@pytest.mark.parametrize(
+    ("after", "words"),
+    [
+        ({}, r"jumped: [45]\.\d of 5\.0 N are gone"),
+        ({"why": NEW_GRASP}, r"was loaded: [45]\.\d of 5\.0 N are gone"),
+        ({"force": 5.0}, ""),
+        ({"force": 5.0, "angle": 0.1}, "jumped by 5.7 degrees"),
+        ({"force": 5.0, "angle": 0.1, "why": NEW_GRASP}, ""),  # T is another then
+        ({"step": (0.0, 0.0, 5.0 / K[2])}, ""),  # it was let go by the arm's way
+        ({"step": (0.0, 0.0, -5.0 / K[2])}, r"(9\.9|10\.\d) of 10\.0 N are gone"),  # it was pressed on
+        ({"step": (0.0, 0.0, -5.0 / K[2]), "force": 10.0}, ""),
+        ({"step": (0.029, 0.0, 0.0)}, "are gone"),
+        ({"step": (0.031, 0.0, 0.0)}, ""),  # far off it may have left what it pressed
+        ({"turn": 0.09}, "are gone"),
+        ({"turn": 0.11}, ""),
+    ],
+)
+def test_a_force_that_is_gone_though_the_arm_has_not_let_go_speaks_against_the_grasp(after, words: str) -> None:
+    found = pressed_again(**after)
+    assert bool(found) is bool(words)
+    assert re.search(words, found)
 
 
 def test_time_does_not_make_a_jump_likelier() -> None:

@@ -8,6 +8,7 @@ the tool is seen in free air without a force, or the grasp is taken anew.
 """
 
 from collections import deque
+from math import degrees
 
 import numpy as np
 
@@ -136,20 +137,22 @@ class GraspCheck:
             was = was * max(1.0 + stiffness * float(step @ was) / size**2, 0.0)
         self._gone.append(was - m.on_environment.force)
         lacks = np.sum(self._gone, axis=0) / len(self._gone)
-        gone = length(lacks)
+        gone, borne = length(lacks), max(size, length(was))
         turned = so3_log(last.X_CT[:3, :3].T @ m.X_CT[:3, :3])
         angle = length(turned) if first and not self._why else 0.0
         if len(self._gone) >= _AVERAGED:
             self._before = ()
         if gone <= max(_LEAST, _SHARE * size, noise) and angle <= _TURNED * m.rotation_deviation:
             if not self._before and not self._why and gone > max(_LEAST, noise):
-                self._doubt = f"the tool's pose has jumped, and {gone:.1f} of {size:.1f} N are gone since"
+                self._doubt = f"the tool's pose has jumped, and {gone:.1f} of {borne:.1f} N are gone since"
                 self._refuse_doubted()
             return
         self._before = ()
         what = "the grasp was taken anew while the tool was loaded" if self._why else "the tool's pose has jumped"
+        if angle > _TURNED * m.rotation_deviation:
+            what += f" by {degrees(angle):.1f} degrees"
         self._anew = (
-            f"{what}: {gone:.1f} of {size:.1f} N are gone though the arm has not moved back, so forces would be off by "
+            f"{what}: {gone:.1f} of {borne:.1f} N are gone though the arm has not moved back, so forces would be off by "
             "as much: initialize the grasp free of load"
         )
 
