@@ -12,7 +12,7 @@ from seed_control.monitor.contradiction import WindowTest
 from seed_control.monitor.correction import Correction
 from seed_control.monitor.weight_check import WeightCheck
 from seed_control.setpoint.setpoints import HybridSetpoint
-from seed_control.wrench.estimate import WrenchEstimator
+from seed_control.wrench.estimate import Measurement, WrenchEstimator
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
@@ -287,6 +287,64 @@ def test_a_tool_that_is_let_down_is_not_weighed(uncertain: float) -> None:
     assert len(seen) > 10
     assert max(seen) < 0.01
     assert check.reason == ""
+
+
+def hung(off: float, place: tuple[float, float, float], t: float = 0.0) -> tuple[Measurement, Wrench, Wrench]:
+    """A tool of 0.2 kg whose spring tells so many newtons too much, at a place; its spring's wrench, and its weight."""
+    weight = Wrench(np.zeros(3), 0.2 * GRAVITY * (DOWN[:3, :3].T @ (0.0, 0.0, -1.0)))
+    measure = WrenchEstimator(Tool(mass=0.2), Bushing(DEFAULT_STIFFNESS), True, 3e-4).measure
+    m = measure(RelativePoseEstimate(t, np.eye(4), 1e-8 * np.eye(6)), make_pose(DOWN[:3, :3], place))
+    return m, Wrench(np.zeros(3), (off, 0.0, 0.0) - weight.force), weight
+
+
+@pytest.mark.parametrize(
+    ("away", "free"), [((0.0, 0.0, 0.0), False), ((0.0, 0.0, 4e-3), False), ((0.02, 0.02, 0.0), False),
+                       ((0.0, 0.0, -0.02), False), ((0.0, 0.0, 6e-3), True)]
+)  # fmt: skip
+def test_a_tool_hangs_free_again_where_it_has_come_away_from_what_it_touched(away, free: bool) -> None:
+    check = WeightCheck(ReferenceSettings(), Tool())
+    m = hung(0.0, (0.5, 0.0, 0.1))[0]._replace(on_environment=Wrench(np.zeros(3), np.array((0.0, 0.0, -4.0))))
+    assert not check.free(m, True)
+    assert check.free(m._replace(tip=m.tip + away), False) is free
+    assert check.free(m, False) is free
+
+
+def test_a_sample_of_free_air_states_what_mass_and_centre_of_mass_are_known_to() -> None:
+    """2 N, known to a part of that along it; a centre that is off by a lever turns it about both axes across."""
+    settings = ReferenceSettings(mass_deviation=0.1, centre_deviation=20.0)
+    check = WeightCheck(settings, Tool(mass=0.2))
+    for i in range(10):
+        check.update(*hung(0.0, (0.5, 0.0, 0.1), 0.1 * i), 1e-6 * np.eye(6), in_contact=False)
+    of = np.sqrt(check.passed[0].systematic.diagonal())
+    weight = 0.2 * GRAVITY
+    assert_allclose(of[:3], (*(np.hypot(0.02 * weight, 0.01),) * 2, 0.01), rtol=1e-6)
+    assert_allclose(of[3:], (0.05, 0.05, np.hypot(0.1 * weight, 0.05)), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("off", "moves", "verified"),
+    [
+        (0.5, 0.0, False),  # nothing tells it from a touch
+        (0.5, 3e-3, False),
+        (0.5, 6e-3, True),  # along it, as far as would have changed a touch
+        (0.5, -6e-3, True),
+    ],
+)
+def test_a_difference_counts_that_is_the_same_elsewhere_along_it(off: float, moves: float, verified: bool) -> None:
+    check, seen = WeightCheck(ReferenceSettings(), Tool(mass=0.2)), []
+    for i in range(30):
+        m, spring, weight = hung(off, (0.5 + (moves if i > 10 else 0.0), 0.02 * (i > 10), 0.1), 0.1 * i)
+        check.update(m, spring, weight, 1e-6 * np.eye(6), in_contact=False)
+        seen += [s.verified for s in check.passed]
+    assert len(seen) > 20
+    assert seen[-1] is verified
+    assert not seen[0]
+    check.update(*hung(off, (0.5, 0.0, 0.1), 3.0), 1e-6 * np.eye(6), in_contact=True)  # it touches: all is seen anew
+    assert check.passed == []
+    check.update(*hung(off, (0.5, 0.0, 0.2), 3.1), 1e-6 * np.eye(6), in_contact=False)
+    for i in range(3):
+        check.update(*hung(off, (0.5, 0.0, 0.2), 3.2 + 0.1 * i), 1e-6 * np.eye(6), in_contact=False)
+        assert check.passed == []
 
 
 @pytest.mark.parametrize("jump", [8.0, -8.0, 3.0])

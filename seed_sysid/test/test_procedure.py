@@ -14,7 +14,7 @@ from seed_bringup import identify
 from seed_core.config import ConfigError
 from seed_core.estimate import RelativePoseEstimate
 from seed_core.hand import DEFAULT_STIFFNESS
-from seed_core.spatial import make_pose, pose_from_rpy, so3_log
+from seed_core.spatial import make_pose, pose_from_rpy, so3_exp, so3_log
 from seed_sim.identification.cell import SimulatedCell
 from seed_sim.identification.scenario import load
 from seed_sim.identification.session import simulate
@@ -25,7 +25,7 @@ from seed_sysid.parameters import ExcitationParameters, LimitParameters, Procedu
 from seed_sysid.run.excitation import Target, design, designs
 from seed_sysid.run.live import MOST, Live, LiveError, Streams
 from seed_sysid.run.procedure import Command, Reading, Run, average
-from seed_sysid.run.reach import Reach
+from seed_sysid.run.reach import Reach, limit_reached, load_share
 from seed_sysid.stiffness_map import AXES
 
 K = DEFAULT_STIFFNESS.vector()
@@ -364,6 +364,29 @@ def test_poses_of_the_work_load_the_grasp_as_it_will_be_whatever_its_stiffness()
 def test_too_few_poses_for_those_of_the_work_are_named() -> None:
     with pytest.raises(ConfigError, match=r"excitation\.work_force needs"):
         design(ExcitationParameters(poses=42, work_force=(6.0, 3.0, 10.0)), LimitParameters())
+
+
+LIMITS = LimitParameters()
+
+
+@pytest.mark.parametrize(
+    ("deg", "shift", "wrench", "words"),
+    [
+        (LIMITS.rotation_deg, LIMITS.translation, (0.0,) * 6, ""),  # the command itself may lie there
+        (1.03 * LIMITS.rotation_deg, 0.0, (0.0,) * 6, "limits.rotation_deg"),
+        (0.0, 1.03 * LIMITS.translation, (0.0,) * 6, "limits.translation"),
+        (0.0, 0.0, (0.0, 0.0, 0.0, 0.0, 0.99 * LIMITS.force, 0.0), ""),
+        (0.0, 0.0, (0.0, 0.0, 0.0, 0.0, 0.8 * LIMITS.force, 0.7 * LIMITS.force), "limits.force"),
+        (0.0, 0.0, (0.0, 0.0, 0.99 * LIMITS.torque, 0.0, 0.0, 0.0), ""),
+        (0.0, 0.0, (0.8 * LIMITS.torque, 0.0, 0.7 * LIMITS.torque, 0.0, 0.0, 0.0), "limits.torque"),
+    ],
+)
+def test_every_limit_of_an_identification_counts_by_its_whole_size(deg, shift, wrench, words: str) -> None:
+    size = np.sqrt(0.5) * np.array((1.0, 0.0, -1.0))
+    found = limit_reached(make_pose(so3_exp(np.deg2rad(deg) * size), shift * size), np.array(wrench), LIMITS)
+    assert bool(found) is bool(words)
+    assert words in found
+    assert (load_share(np.array(wrench), LIMITS) > 1.0) is (words in ("limits.force", "limits.torque"))
 
 
 def test_an_axis_is_not_driven_again_to_where_it_failed() -> None:
