@@ -26,6 +26,7 @@ from seed_sysid.run.excitation import Target, design, designs
 from seed_sysid.run.live import MOST, Live, LiveError, Streams
 from seed_sysid.run.procedure import Command, Reading, Run, average
 from seed_sysid.run.reach import Reach, limit_reached, load_share
+from seed_sysid.run.rest_detector import RestDetector
 from seed_sysid.stiffness_map import AXES
 
 K = DEFAULT_STIFFNESS.vector()
@@ -84,6 +85,31 @@ def test_slip_ends_the_run() -> None:
     assert "slips" in command.failure
     assert command.slid  # what goes on is a new grasp
     assert i == 301
+
+
+@pytest.mark.parametrize(
+    ("axis", "creep", "step_at", "reset_at", "at_rest"),
+    [
+        (5, 0.0, np.inf, np.inf, 1.52),  # nine tenths of the window, and the time to hold
+        (5, 0.05, np.inf, np.inf, 1.52),  # 0.02 N from half to half
+        (5, 0.15, np.inf, np.inf, np.inf),
+        (0, 1e-3, np.inf, np.inf, 1.52),
+        (0, 4e-3, np.inf, np.inf, np.inf),
+        (5, 0.0, 1.2, np.inf, 2.7),  # the step has left the window, and has not come back since
+        (5, 0.0, np.inf, 1.4, 2.92),
+    ],
+)
+def test_a_wrench_is_at_rest_whose_means_have_stayed_for_the_time_to_hold(axis, creep, step_at, reset_at, at_rest):
+    detector, rng, found = RestDetector(SettleParameters()), np.random.default_rng(4), np.inf
+    for i in range(201):
+        t = 0.02 * i
+        wrench = np.array((3e-4,) * 3 + (0.01,) * 3) * rng.standard_normal(6)
+        wrench[axis] += creep * t + 1.0 * (t > step_at)
+        if abs(t - reset_at) < 1e-9:
+            detector.reset()
+        if detector.update(100.0 + t, wrench):
+            found = min(found, t)
+    assert found == pytest.approx(at_rest, abs=0.11)
 
 
 def test_a_creeping_grasp_is_waited_for() -> None:
@@ -387,6 +413,25 @@ def test_every_limit_of_an_identification_counts_by_its_whole_size(deg, shift, w
     assert bool(found) is bool(words)
     assert words in found
     assert (load_share(np.array(wrench), LIMITS) > 1.0) is (words in ("limits.force", "limits.torque"))
+
+
+def test_combinations_and_work_that_fail_go_less_far_but_not_to_nothing() -> None:
+    excitation = ExcitationParameters(work_force=(6.0, 3.0, 10.0))
+    reach, far = Reach(excitation, LIMITS), Target("a", "combination", tuple(0.1 * excitation.amplitudes))
+    for share in (0.85, 0.85**2):
+        reach.failed(far, 0.7)
+        assert_scaled(reach.within(far), far, share)
+    for _ in range(20):
+        reach.failed(far, 0.7)
+    assert_scaled(reach.within(far), far, 0.3)
+    work = next(t for t in design(excitation, LIMITS) if t.kind == "work")
+    before = np.array(reach.within(work).xi)
+    reach.failed(work, 0.7)
+    np.testing.assert_allclose(np.array(reach.within(work).xi), 0.85 * before)  # this one has no turn
+
+
+def assert_scaled(target: Target, of: Target, share: float) -> None:
+    np.testing.assert_allclose(target.xi, share * np.array(of.xi))
 
 
 def test_an_axis_is_not_driven_again_to_where_it_failed() -> None:
