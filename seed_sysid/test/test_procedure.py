@@ -174,6 +174,45 @@ def test_the_arm_stays_where_it_is_if_the_load_grows_on_the_way_back(growth: flo
         np.testing.assert_array_equal(command.X_TC, at)
 
 
+def test_a_pose_that_loads_too_much_is_drawn_back_twice_and_then_left_out() -> None:
+    """A load that comes at once, beyond what ends the way back, is no reason to stay: it falls there, if late."""
+    procedure = Procedure()
+    run, at, load, events, began = Run(procedure), np.eye(4), np.zeros(6), list[str](), None
+    first = next(t for t in designs(procedure)[0] if t.kind != "home")
+    for i in range(6000):
+        stamp = 0.02 * i
+        command = run.step(Reading(stamp, at, load, 0.026))
+        at = command.X_TC
+        events += [command.event] if command.event else []
+        assert not command.failure
+        if began is None and command.state != "gripping":
+            began = stamp
+        out = np.linalg.norm(so3_log(at[:3, :3])) > 0.3 * np.linalg.norm(first.xi[:3])
+        heavy = out and command.state == "moving" and len(events) < 3
+        share = 1.6 if heavy else 1.55 if command.state == "drawing back" else 0.0
+        load = np.array((0.0, 0.0, 0.0, 0.0, 0.0, share * procedure.limits.force))
+        if len(events) == 3 and run.done == 2:
+            break
+    assert began == pytest.approx(procedure.motion.grip_time, abs=0.03)
+    assert [e.split(":")[0] for e in events] == [*[f"{first.name} drawn back"] * 2, f"{first.name} skipped"]
+    assert run.total - run.done == len(run._queue) + 1
+    assert run.remaining(stamp) == pytest.approx(0.5 * stamp * len(run._queue))
+
+
+def test_a_load_at_the_centre_ends_the_run_where_the_arm_is() -> None:
+    procedure = Procedure()
+    run, at, load = Run(procedure), np.eye(4), np.zeros(6)
+    for i in range(2000):
+        command = run.step(Reading(0.02 * i, at, load, 0.026))
+        at = command.X_TC
+        if command.failure:
+            break
+        assert not load.any()
+        if command.state == "settling":
+            load = np.array((0.0, 0.0, 1.6 * procedure.limits.torque, 0.0, 0.0, 0.0))
+    assert "N m on the way to the centre" in command.failure
+
+
 def test_a_run_knows_nothing_of_what_its_streams_said_before(tmp_path: Path) -> None:
     streams = Streams(X_WE=np.eye(4), pose_stamp=0.0, wrench_stamp=0.0)
     for i in range(5 * MOST):  # a sensor that is not zeroed yet, while nobody identifies anything

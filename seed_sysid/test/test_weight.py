@@ -52,6 +52,25 @@ def test_orientations_that_lie_on_a_line_by_chance_state_the_noise_of_a_mean_pos
     assert fit.half_width[3] == pytest.approx(800.0**2 * half)
 
 
+@pytest.mark.parametrize(("count", "carried", "most"), [(10, (), 3), (10, (3,), 3), (10, (0, 1, 4), 3), (4, (2,), 0)])
+def test_orientations_in_which_something_else_bore_the_weight_are_left_out(count, carried, most: int) -> None:
+    """At most three of ten, and never so many that too few are left."""
+    X_TC, wrench = simulate_weight(DEFAULT_STIFFNESS, 0.5, np.zeros(3), np.random.default_rng(1))
+    X_TC, wrench = X_TC[:count].copy(), wrench[:count]
+    for i in carried:
+        X_TC[i, :3, 3] *= 0.4
+    fit = fit_weight(X_TC, wrench)
+    assert sorted(fit.left_out) == list(carried[:most])
+    if most:
+        np.testing.assert_allclose(fit.stiffness[3:], K[3:], rtol=0.04)
+
+
+def test_no_more_orientations_are_left_out_than_three_of_ten() -> None:
+    X_TC, wrench = simulate_weight(DEFAULT_STIFFNESS, 0.5, np.zeros(3), np.random.default_rng(1))
+    X_TC[[0, 1, 2, 6], 0, 3] += 0.1, 0.03, 0.01, 0.003
+    assert fit_weight(X_TC, wrench).left_out == (0, 1, 2)
+
+
 def test_weight_from_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert identify.main(["--procedure", "weight", "--seed", "7", "--json"]) == 0
     out = json.loads(capsys.readouterr().out)
