@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from seed_core.spatial import make_pose, pose_from_rpy, so3_exp
-from seed_sysid.fit.clock_offset import ClockError, ClockWatch
+from seed_sysid.fit.clock_offset import ClockError, ClockOffset, ClockWatch
 
 
 def watch(offset: float, *, travel: float = 1.0, seed: int = 3) -> ClockWatch:
@@ -34,7 +34,16 @@ def test_offset_is_found_within_two_milliseconds_whatever_the_estimates_gain_and
     found = watch(offset).offset()
     assert found.value == pytest.approx(offset, abs=2e-3)
     assert abs(found.value - offset) < 4.0 * found.std + 2e-4
-    assert bool(found.advice) == (offset != 0.0)
+    assert ("ahead of the robot's" in found.advice) == (offset > 0.0)
+    assert ("behind the robot's" in found.advice) == (offset < 0.0)
+
+
+@pytest.mark.parametrize(("value", "std", "told"), [(0.0019, 1e-4, ""), (-0.0021, 1e-4, "2.1 +- 0.1 ms behind"),
+                                                    (0.0079, 0.004, ""), (0.0081, 0.004, "8.1 +- 4.0 ms ahead")])  # fmt: skip
+def test_an_offset_is_told_that_two_deviations_and_two_milliseconds_are_not_enough_for(value, std, told: str) -> None:
+    advice = ClockOffset(value, std).advice
+    assert bool(advice) is bool(told)
+    assert told in advice
 
 
 def test_offset_beyond_reach_is_refused() -> None:

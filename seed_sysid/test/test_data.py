@@ -210,7 +210,8 @@ BAD: dict[str, tuple[Callable[[Dataset], Dataset], str]] = {
         lambda d: _changed(d, lambda s: _wrench(s, lambda w: w * [1, 0, 1, 1, 1, 1])),
         "torque y .* stays",
     ),
-    "saturated": (lambda d: _changed(d, lambda s: _wrench(s, lambda w: np.clip(w, -9, 3.0))), "saturates at"),
+    "saturated": (lambda d: _changed(d, lambda s: _wrench(s, lambda w: np.clip(w, -9, 3.0))), "saturates at 3"),
+    "saturated below": (lambda d: _changed(d, lambda s: _wrench(s, lambda w: np.clip(w, -3.0, 9))), "saturates at -3"),
     "mm": (
         lambda d: _changed(d, lambda s: replace(s, kinematic=(*(1e3 * v for v in s.kinematic[:3]), *s.kinematic[3:]))),
         "mm",
