@@ -212,3 +212,15 @@ def test_a_stiffness_that_is_to_follow_pressures_that_nobody_measured_is_refused
     assert ScheduleFollower(stiffness, "width").update(0.014) == grips[1].stiffness
     alone = GripStiffness(replace(FILE, grips=grips[:1]))
     assert ScheduleFollower(alone, "pressure").update(1030.0) == GRIP.stiffness
+
+
+def test_a_change_of_stiffness_is_passed_on_once_it_is_half_a_per_cent_of_what_was_passed_on_last() -> None:
+    """Two grips 20 hPa apart, of twice the stiffness about one axis alone: 5 % each hPa there, of the first."""
+    x, y, z = GRIP.rotation
+    grips = replace(GRIP, pressure_hpa=20.0, width_m=0.03), replace(GRIP, pressure_hpa=40.0, rotation=(x, 2.0 * y, z))
+    follower = ScheduleFollower(GripStiffness(replace(FILE, grips=grips)), "pressure")
+    assert follower.pressures == [20.0, 40.0]
+    told = [follower.update(p) for p in (20.0, 20.09, 20.11, 20.15, 20.06, 20.0)]
+    assert [now is not None for now in told] == [True, False, True, False, False, True]
+    assert told[2] is not None
+    np.testing.assert_allclose(told[2].rotation, (x, y * (1.0 + 0.11 / 20.0), z))
