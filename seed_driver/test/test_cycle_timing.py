@@ -35,3 +35,11 @@ def test_periods_are_counted_in_bins_and_summed_up_every_500() -> None:
     assert (periods.p50, periods.p99, periods.largest) == pytest.approx((PERIOD + 1e-5, PERIOD + 1e-5, 0.008))
     periods.tick(now + 1.0)  # a pause is no period
     assert sum(periods.counts()["counts"]) == 500
+    now += 1.3  # nor does one of 0.3 s stop the cycles
+    periods.tick(now)
+    assert periods.counts()["counts"][-1] == 1
+    assert periods.largest == pytest.approx(0.008)
+    for i in range(999):
+        now += PERIOD
+        periods.tick(now)
+        assert periods.largest == pytest.approx(0.008 if i < 498 else 0.3 if i < 998 else PERIOD)
