@@ -265,6 +265,45 @@ def test_the_correction_is_bounded() -> None:
     assert_allclose(np.linalg.norm(more.force), 2.0, atol=1e-6)
 
 
+def offset_learnt(settings: ReferenceSettings, off: np.ndarray, known_to: float = 0.1) -> Correction:
+    """Of a wrench that is off by so much (6,), about which nothing is known better than this [N, a tenth in N m]."""
+    correction, systematic = Correction(settings), known_to**2 * np.diag((0.01,) * 3 + (1.0,) * 3)
+    for i in range(100):
+        correction.learn(0.1 * i, np.zeros(6), off, 1e-6 * np.eye(6), systematic)
+    return correction
+
+
+def added(correction: Correction, since: float, count: int) -> np.ndarray:
+    """To no wrench (6,), after so many steps of 0.1 s."""
+    for i in range(count):
+        correction.advance(since + 0.1 * i, np.zeros(6))
+    more = correction.wrench(Wrench.zero())
+    return np.zeros(6) if more is None else more.vector()
+
+
+def test_a_correction_comes_in_and_goes_slowly_and_between_begins_less_easily_than_it_ends() -> None:
+    """0.5 N off: five deviations, then two and a half, then one and a half. It comes in within 0.6 s."""
+    settings, off = ReferenceSettings(correction_offset=2.0), 0.5 * np.eye(6)[5]
+    correction = offset_learnt(settings, off)
+    added(correction, 10.0, 1)
+    assert added(correction, 10.1, 4)[5] == pytest.approx(0.5 * (1.0 - np.exp(-1.0)), rel=0.1)
+    whole = added(correction, 10.5, 40)[5]
+    assert whole == pytest.approx(0.5, rel=0.05)
+    for known_to, stays in ((0.2, True), (0.33, False)):
+        correction.learn(15.0, np.zeros(6), off, 1e-6 * np.eye(6), known_to**2 * np.eye(6))
+        then = added(correction, 15.0, 7)[5]
+        assert correction.active is stays
+        assert then == pytest.approx(whole if stays else whole * np.exp(-1.0), rel=0.25)
+    assert not added(correction, 15.7, 60).any()
+    assert not added(offset_learnt(settings, off, 0.2), 10.0, 20).any()  # it would not have begun
+    assert not added(offset_learnt(replace(settings, correct=False), off), 10.0, 20).any()
+
+
+def test_the_correction_of_a_torque_is_bounded_by_a_lever() -> None:
+    correction = offset_learnt(ReferenceSettings(correction_offset=0.3, correction_share=0.0), 0.09 * np.eye(6)[1])
+    assert_allclose(added(correction, 10.0, 50), 0.1 * 0.3 * np.eye(6)[1], atol=1e-6)
+
+
 def test_a_tool_without_mass_is_no_reference() -> None:
     bench = Bench(tool=Tool(mass=0.0), start=start())
     pressing(bench, force=5.0)
