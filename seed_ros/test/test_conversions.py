@@ -12,7 +12,7 @@ from geometry_msgs.msg import Wrench as WrenchMsg
 from scipy.spatial.transform import Rotation
 
 from seed_core.errors import SeedError
-from seed_core.estimate import RelativePoseEstimate
+from seed_core.estimate import DEFORMATIONS, MembraneMotion, RelativePoseEstimate
 from seed_core.spatial import Wrench, make_pose
 from seed_ros import conversions as c
 from seed_ros.images.arrays import depth_from_message, gray_from_message, image_message
@@ -52,6 +52,55 @@ def test_covariance_is_rotation_first_inside_and_translation_first_outside() -> 
     assert_allclose(back.of_patches().X_CT, estimate.of_patches().X_CT, atol=1e-12)
     assert_allclose(back.of_patches().covariance, 0.5 * diagonal)
     assert (back.observed, back.stamp, back.method) == (estimate.observed, 3.5, "m")
+
+
+def membrane() -> MembraneMotion:
+    diagonal = np.diag([1e-4, 2e-4, 3e-4, 4e-6, 5e-6, 6e-6])
+    seen = (True, False, True, True, False, True)
+    deformation, place = RNG.normal(size=DEFORMATIONS), RNG.normal(size=3)
+    return MembraneMotion("right", some_pose(), diagonal, seen, deformation, 2e-4, place, 3e-3, 1031.5)
+
+
+def test_what_the_membranes_do_survives_the_round_trip() -> None:
+    motion = membrane()
+    message = c.estimate_to_message(RelativePoseEstimate(0.0, np.eye(4), membrane=(motion,)), "compliance", "tool")
+    back = c.estimate_from_message(message).membrane[0]
+    for name in ("X_CM", "covariance", "deformation", "centroid"):
+        assert_allclose(getattr(back, name), getattr(motion, name), atol=1e-12)
+    for name in ("finger", "observed", "area", "indentation", "pressure"):
+        assert getattr(back, name) == getattr(motion, name)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda m: m.pose.covariance.__setitem__(7, float("nan")), r"relative_pose\.covariance has a value"),
+        (lambda m: m.membrane[0].motion.covariance.__setitem__(3, float("inf")), "membrane has a value that is not"),
+        (lambda m: m.membrane[0].deformation.__setitem__(1, float("nan")), "membrane has a value that is not finite"),
+        (lambda m: m.membrane[0].deformation.append(0.0), f"deformation has {DEFORMATIONS + 1} values; {DEFORMATIONS}"),
+    ],
+)
+def test_an_estimate_with_bad_numbers_is_refused_where_it_is_valid(change, words: str) -> None:
+    """One that is not valid tells no numbers, and has to count as such."""
+    estimate = RelativePoseEstimate(1.0, np.eye(4), membrane=(membrane(),))
+    message = c.estimate_to_message(estimate, "compliance", "tool")
+    change(message)
+    with pytest.raises(SeedError, match=words):
+        c.estimate_from_message(message)
+    message.valid, message.reason = False, "dark"
+    back = c.estimate_from_message(message)
+    assert (back.valid, back.reason, back.membrane) == (False, "dark", ())
+
+
+def test_a_torque_that_is_not_finite_and_a_stamp_far_ahead_are_refused() -> None:
+    wrench = c.fill_wrench(WrenchMsg(), Wrench.zero())
+    wrench.torque.y = float("nan")
+    with pytest.raises(SeedError, match="is not finite"):
+        c.wrench_to_core(wrench)
+    c.check_not_ahead(10.49, 10.0, 0.5, "current_pose")
+    c.check_not_ahead(1.0, 10.0, 0.5, "current_pose")
+    with pytest.raises(SeedError, match=r"current_pose is stamped 0\.510 s ahead .* \(at most 0\.5 s\)"):
+        c.check_not_ahead(10.51, 10.0, 0.5, "current_pose")
 
 
 def test_wrenches_keep_torque_and_force_apart() -> None:
