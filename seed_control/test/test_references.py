@@ -8,16 +8,17 @@ import pytest
 from numpy.testing import assert_allclose
 from quasi_static import DOWN, DT, Bench
 
+from seed_control.monitor.arm_check import ArmCheck
 from seed_control.monitor.contradiction import WindowTest
 from seed_control.monitor.correction import Correction
-from seed_control.monitor.weight_check import WeightCheck
+from seed_control.monitor.weight_check import FreeSpaceSample, WeightCheck
 from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_control.wrench.estimate import Measurement, WrenchEstimator
 from seed_core.bushing import Bushing, Stiffness
 from seed_core.errors import SeedError
 from seed_core.estimate import RelativePoseEstimate
-from seed_core.hand import DEFAULT_STIFFNESS, GRAVITY, Tool
-from seed_core.spatial import Wrench, inverse_pose, make_pose
+from seed_core.hand import DEFAULT_STIFFNESS, GRAVITY, Hand, Tool
+from seed_core.spatial import Wrench, inverse_pose, make_pose, rotation_from_rpy
 from seed_core.wrench_settings import ReferenceSettings
 
 SENSOR = ReferenceSettings(
@@ -384,6 +385,34 @@ def test_a_difference_counts_that_is_the_same_elsewhere_along_it(off: float, mov
     for i in range(3):
         check.update(*hung(off, (0.5, 0.0, 0.2), 3.2 + 0.1 * i), 1e-6 * np.eye(6), in_contact=False)
         assert check.passed == []
+
+
+@pytest.mark.parametrize("weighs", [True, False])
+def test_an_arms_reading_tells_the_springs_wrench_in_any_attitude_whether_it_weighs_the_tool_or_not(weighs) -> None:
+    """By hand: the load on the flange is the reaction of what the spring bears, less the weight that a payload tells."""
+    settings = ReferenceSettings(arm_weighs_tool=weighs)
+    tool, X_EC, C = Tool(), Hand().X_EC, 1e-6 * np.eye(6)
+    check, bushing = ArmCheck(settings, X_EC, tool), Bushing(DEFAULT_STIFFNESS)
+    estimator = WrenchEstimator(tool, bushing, True, 3e-4)
+    for i in range(12):
+        pressed = i == 11
+        R_WT = rotation_from_rpy((np.pi - 0.5, 0.6 if pressed else 0.0, 0.4 if pressed else 0.0))
+        weight = estimator.true_weight(R_WT)
+        more = (0.1, -0.2, 0.05, 1.0, 2.0, -6.0) if pressed else (0.0,) * 6
+        spring = Wrench.from_vector(-weight.vector() + more)
+        X_CT = inverse_pose(bushing.pose(spring))
+        m = estimator.measure(
+            RelativePoseEstimate(0.1 * i, X_CT, 1e-10 * np.eye(6)), make_pose(R_WT) @ inverse_pose(X_CT)
+        )
+        on_hand, X_ET = spring if weighs else spring.plus(weight), X_EC @ X_CT
+        force = -X_ET[:3, :3] @ on_hand.force
+        torque = -X_ET[:3, :3] @ on_hand.torque + np.cross(X_ET[:3, 3], force)
+        for stamp in (0.1 * i - 0.01, 0.1 * i, 0.1 * i + 0.01):
+            check.add(stamp, Wrench.from_vector(np.concatenate((torque, force)) + (0.3, -0.1, 0.2, 4.0, -3.0, 5.0)))
+        free = [] if pressed else [FreeSpaceSample(m, spring.vector(), -weight.vector(), C, C, verified=True)]
+        check.update(m, spring, weight, C, free, 0.1 * i + 0.01)
+    assert check.reading is not None
+    assert_allclose(check.reading.wrench, spring.vector(), atol=1e-9)
 
 
 @pytest.mark.parametrize("jump", [8.0, -8.0, 3.0])

@@ -132,6 +132,16 @@ def test_pressing_on_a_tilted_grasp_by_hand() -> None:
     assert_allclose(load.vector(), (0.0, 0.3, 0.0, 0.0, 0.0, 8.0), atol=1e-15)
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_a_load_within_a_plane_is_answered_as_exactly_as_any(axis: int) -> None:
+    """No displacement leaves the plane, however the iteration goes on within it."""
+    bushing = Bushing(SOFT_HAND)
+    torque, force = 0.8 * np.eye(3)[axis], 8.0 * np.eye(3)[axis - 1]
+    X_TC = bushing.pose(Wrench(torque, force))
+    assert abs(X_TC[axis, 3]) < 1e-12
+    assert_allclose(bushing.wrench(X_TC).vector(), (*torque, *force), atol=1e-6)
+
+
 def test_force_opposes_displacement_monotonically() -> None:
     bushing = Bushing(SOFT_HAND)
     forces = [bushing.wrench(make_pose(p=(0.0, 0.0, z))).force[2] for z in np.linspace(-0.03, 0.03, 61)]
