@@ -389,11 +389,12 @@ def test_a_difference_counts_that_is_the_same_elsewhere_along_it(off: float, mov
 
 @pytest.mark.parametrize("weighs", [True, False])
 def test_an_arms_reading_tells_the_springs_wrench_in_any_attitude_whether_it_weighs_the_tool_or_not(weighs) -> None:
-    """By hand: the load on the flange is the reaction of what the spring bears, less the weight that a payload tells."""
+    """By hand: the load on the flange is the reaction of what the spring bears, less the weight of a payload."""
     settings = ReferenceSettings(arm_weighs_tool=weighs)
     tool, X_EC, C = Tool(), Hand().X_EC, 1e-6 * np.eye(6)
     check, bushing = ArmCheck(settings, X_EC, tool), Bushing(DEFAULT_STIFFNESS)
     estimator = WrenchEstimator(tool, bushing, True, 3e-4)
+    offset = Wrench(np.array((0.3, -0.1, 0.2)), np.array((4.0, -3.0, 5.0)))
     for i in range(12):
         pressed = i == 11
         R_WT = rotation_from_rpy((np.pi - 0.5, 0.6 if pressed else 0.0, 0.4 if pressed else 0.0))
@@ -408,7 +409,7 @@ def test_an_arms_reading_tells_the_springs_wrench_in_any_attitude_whether_it_wei
         force = -X_ET[:3, :3] @ on_hand.force
         torque = -X_ET[:3, :3] @ on_hand.torque + np.cross(X_ET[:3, 3], force)
         for stamp in (0.1 * i - 0.01, 0.1 * i, 0.1 * i + 0.01):
-            check.add(stamp, Wrench.from_vector(np.concatenate((torque, force)) + (0.3, -0.1, 0.2, 4.0, -3.0, 5.0)))
+            check.add(stamp, Wrench(torque, force).plus(offset))
         free = [] if pressed else [FreeSpaceSample(m, spring.vector(), -weight.vector(), C, C, verified=True)]
         check.update(m, spring, weight, C, free, 0.1 * i + 0.01)
     assert check.reading is not None

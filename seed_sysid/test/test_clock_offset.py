@@ -38,8 +38,15 @@ def test_offset_is_found_within_two_milliseconds_whatever_the_estimates_gain_and
     assert ("behind the robot's" in found.advice) == (offset < 0.0)
 
 
-@pytest.mark.parametrize(("value", "std", "told"), [(0.0019, 1e-4, ""), (-0.0021, 1e-4, "2.1 +- 0.1 ms behind"),
-                                                    (0.0079, 0.004, ""), (0.0081, 0.004, "8.1 +- 4.0 ms ahead")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("value", "std", "told"),
+    [
+        (0.0019, 1e-4, ""),
+        (-0.0021, 1e-4, "2.1 +- 0.1 ms behind"),
+        (0.0079, 0.004, ""),
+        (0.0081, 0.004, "8.1 +- 4.0 ms ahead"),
+    ],
+)
 def test_an_offset_is_told_that_two_deviations_and_two_milliseconds_are_not_enough_for(value, std, told: str) -> None:
     advice = ClockOffset(value, std).advice
     assert bool(advice) is bool(told)

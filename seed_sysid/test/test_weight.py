@@ -65,6 +65,18 @@ def test_orientations_in_which_something_else_bore_the_weight_are_left_out(count
         np.testing.assert_allclose(fit.stiffness[3:], K[3:], rtol=0.04)
 
 
+@pytest.mark.parametrize("carried", [1, 2])
+def test_where_nobody_knows_which_of_two_orientations_is_right_an_axis_gets_no_stiffness(carried: int) -> None:
+    """Six orientations load each axis both ways: each of the two goes with the line of those that do not load it."""
+    X_TC, wrench = simulate_weight(DEFAULT_STIFFNESS, 0.5, np.zeros(3), np.random.default_rng(1))
+    X_TC, wrench = X_TC[:6].copy(), wrench[:6]
+    X_TC[carried, :3, 3] *= 0.4
+    fit = fit_weight(X_TC, wrench)
+    assert np.isnan(fit.stiffness[4])
+    assert "which of them is right nobody knows" in fit.undetermined["y"]
+    np.testing.assert_allclose(fit.stiffness[[3, 5]], K[[3, 5]], rtol=0.04)
+
+
 def test_no_more_orientations_are_left_out_than_three_of_ten() -> None:
     X_TC, wrench = simulate_weight(DEFAULT_STIFFNESS, 0.5, np.zeros(3), np.random.default_rng(1))
     X_TC[[0, 1, 2, 6], 0, 3] += 0.3, 0.08, 0.03, 0.01

@@ -152,8 +152,8 @@ class GraspCheck:
         if angle > _TURNED * m.rotation_deviation:
             what += f" by {degrees(angle):.1f} degrees"
         self._anew = (
-            f"{what}: {gone:.1f} of {borne:.1f} N are gone though the arm has not moved back, so forces would be off by "
-            "as much: initialize the grasp free of load"
+            f"{what}: {gone:.1f} of {borne:.1f} N are gone though the arm has not moved back, so forces would be off "
+            "by as much: initialize the grasp free of load"
         )
 
     def _approach(self, m: Measurement, pressing: Array, noise: float) -> None:

@@ -23,6 +23,7 @@ _UNCERTAIN = 0.10  # relative scatter of a line's slope above which an axis is n
 LOADED = (1e-3,) * 3 + (0.05,) * 3  # [N m, N]; an axis whose load varies by less is not loaded
 MINIMUM = 4  # orientations
 _STRAY, _MOST_LEFT_OUT = 6.0, 0.3  # deviations off the line through the others; share of the orientations
+_ALONE = 0.95  # leverage, from which on a line goes through an orientation whatever it tells
 _NOISE = (np.deg2rad(0.05),) * 3 + (3e-5,) * 3  # [rad, m] that a mean pose is off by, at least
 _BENT = 0.05  # of the range of deflections, by which a spring that stiffens is off its line
 
@@ -74,13 +75,22 @@ def fit_weight(X_TC: ArrayLike, wrench: ArrayLike, model: Model = "midpoint") ->
     load, xi = loads_and_deflections(poses, np.asarray(wrench, dtype=float), model)
     left_out = _strays(load, xi)
     kept = np.setdiff1d(np.arange(len(load)), left_out)
-    load, xi = load[kept], xi[kept]
+    out, load, xi = load[list(left_out)], load[kept], xi[kept]
     stiffness, half, reasons = np.full(6, np.nan), np.full(6, np.nan), {}
     for j, axis in enumerate(AXES):
         span, unit = float(np.ptp(load[:, j])), LOAD_UNITS[j]
         if span < LOADED[j]:
             kind = "torque" if j < 3 else "force"
             reasons[axis] = f"the weight puts no {kind} on it (at most {span:.2g} {unit})"
+            continue
+        off = load[:, j] - load[:, j].mean()
+        if (np.abs(out[:, j] - load[:, j].mean()) >= LOADED[j]).any() and 1.0 / len(off) + (off**2).max() / (
+            off @ off
+        ) > _ALONE:
+            reasons[axis] = (
+                "one orientation alone loads it besides those that were left out, and which of them is right nobody "
+                "knows: hold the weight in more"
+            )
             continue
         compliance = compliance_line(load[:, j], xi[:, j], _NOISE[j])
         if compliance is None:
