@@ -178,12 +178,14 @@ def test_a_pose_that_loads_too_much_is_drawn_back_twice_and_then_left_out() -> N
     """A load that comes at once, beyond what ends the way back, is no reason to stay: it falls there, if late."""
     procedure = Procedure()
     run, at, load, events, began = Run(procedure), np.eye(4), np.zeros(6), list[str](), None
+    visited = list[str]()
     first = next(t for t in designs(procedure)[0] if t.kind != "home")
     for i in range(6000):
         stamp = 0.02 * i
         command = run.step(Reading(stamp, at, load, 0.026))
         at = command.X_TC
         events += [command.event] if command.event else []
+        visited += [command.sample.name] if command.sample else []
         assert not command.failure
         if began is None and command.state != "gripping":
             began = stamp
@@ -195,6 +197,7 @@ def test_a_pose_that_loads_too_much_is_drawn_back_twice_and_then_left_out() -> N
             break
     assert began == pytest.approx(procedure.motion.grip_time, abs=0.03)
     assert [e.split(":")[0] for e in events] == [*[f"{first.name} drawn back"] * 2, f"{first.name} skipped"]
+    assert visited == [t.name for t in designs(procedure)[0] if t.name != first.name][:2]
     assert run.total - run.done == len(run._queue) + 1
     assert run.remaining(stamp) == pytest.approx(0.5 * stamp * len(run._queue))
 
