@@ -316,7 +316,7 @@ class Controller:
                 command.stop(dt)
             else:
                 p = self.parameters
-                slow = self.supervisor.doubtful or not law.regulates_force
+                slow = self.supervisor.doubtful or not law.plan.wanted.any()
                 command.give_way(back, dt, p.approach_speed if slow else p.max_speed)
             return ()
         command.compare(self._inputs.history.newest(), dt)

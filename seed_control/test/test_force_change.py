@@ -132,3 +132,19 @@ def test_an_image_from_before_a_smaller_force_was_wanted_takes_no_force_back() -
         references = bench.controller.law.reference._references  # type: ignore[attr-defined]
         pressed += [r.speed for r in references]
     assert min(pressed) > 0.0
+
+
+@pytest.mark.parametrize("law", ["seed", "plain"])
+def test_a_force_of_zero_lets_go_of_what_was_pressed_and_presses_again(law: str) -> None:
+    """Its path lies 9 mm below the table: it used to be followed at 1 mm/s, by 9 N and more, and no reason told."""
+    bench = settled_at(5.0, law=law, table=0.009)
+    bench.press(0.0)
+    bench.run(0.5)
+    assert bench.force < 0.3
+    bench.run(10.0)
+    assert max(bench.forces[-2500:]) < 0.3
+    assert (bench.state.mode, bench.state.settled, bench.state.reason) == ("contact", True, "")
+    assert bench.controller.law.tool.on_environment.force[2] == pytest.approx(0.0, abs=0.3)
+    bench.press(5.0)
+    bench.run(1.5)
+    assert bench.force == pytest.approx(5.0, abs=0.1)

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from quasi_static import DOWN, DT, Bench
+from quasi_static import DOWN, DT, PRESS_Z, Bench
 
 from seed_control.command.arm_follows import ArmFollows, Behind, RecentSpeed
 from seed_control.command.free_travel import FreeTravel
@@ -298,6 +298,16 @@ def test_a_move_into_something_is_held_and_named() -> None:
     bench.run(3.0)
     assert bench.force == 0.0
     assert bench.state.mode == "position"
+
+
+def test_a_path_with_a_force_of_zero_into_something_is_held_as_any_other() -> None:
+    bench = Bench(table=0.018).enabled()
+    below = DOWN @ make_pose(None, (0.0, 0.0, 0.03))
+    bench.controller.set_setpoint(HybridSetpoint(below, force_projector=PRESS_Z), bench.t)
+    bench.run(12.0)
+    assert bench.state.mode == "holding"
+    assert "where no force is wanted" in bench.state.reason
+    assert max(bench.forces) < 8.0
 
 
 @pytest.mark.parametrize(("pressed_at", "back"), [(0.95, 0.0), (1.05, None)])

@@ -100,7 +100,8 @@ class Guard:
 
         Friction makes force across the wanted one, a heavy tool (weight [N]) when the arm starts.
         """
-        force, N = m.on_environment.force, plan.normals
+        force = m.on_environment.force
+        N = plan.normals if plan.wanted.any() else plan.normals[:0]  # a force of zero allows none along it
         across = force - N.T @ (N @ force)
         size = length(across)
         if len(N) != self._directions:

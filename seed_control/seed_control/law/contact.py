@@ -44,7 +44,8 @@ class ContactDetector:
     """Contact by force direction.
 
     Attributes:
-        touching: (m,) whether the tool touches along each; one that is to carry no force touches with the others.
+        touching: (m,) whether the tool touches along each; one that is to carry no force touches with the others, and
+            all as before where none is.
         lost: how often contact was lost. once: whether there has been contact since it was to be found anew.
     """
 
@@ -87,7 +88,9 @@ class ContactDetector:
         for i, (f, w) in enumerate(zip(along.tolist(), wanted.tolist(), strict=True)):
             if w:
                 self._directions[i].update(f if w > 0.0 else -f, abs(w), deviation)
-        made = any(pressing) and all(d.made for d, on in zip(self._directions, pressing, strict=True) if on)
+        made = self.made  # stays while no force is wanted at all: what touched is then let go of, not pressed further
+        if any(pressing):
+            made = all(d.made for d, on in zip(self._directions, pressing, strict=True) if on)
         self.touching = tuple(d.made if on else made for d, on in zip(self._directions, pressing, strict=True))
         self.once |= self.made
         changed = list(zip(before, self.touching, pressing, strict=True))

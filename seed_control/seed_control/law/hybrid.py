@@ -111,7 +111,8 @@ class HybridLaw(PublishedLaw):
             return
         n, force = self.plan.normals[0], self.tool.on_environment.force
         pressing = float(n @ force)
-        if abs(pressing) < 0.5 * abs(float(self.plan.wanted[0])) or not pressing:
+        wanted = abs(float(self.plan.wanted[0]))
+        if not wanted or not pressing or abs(pressing) < 0.5 * wanted:
             return
         across = force - pressing * n
         ratio = length(across) / abs(pressing)
