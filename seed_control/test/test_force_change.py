@@ -7,6 +7,7 @@ from quasi_static import DT, Bench
 
 from seed_control.law.force_change import ForceChange
 from seed_control.parameters import ControllerParameters
+from seed_core.bushing import Stiffness
 
 
 def settled_at(force: float, **more: object) -> Bench:
@@ -148,3 +149,20 @@ def test_a_force_of_zero_lets_go_of_what_was_pressed_and_presses_again(law: str)
     bench.press(5.0)
     bench.run(1.5)
     assert bench.force == pytest.approx(5.0, abs=0.1)
+
+
+@pytest.mark.parametrize("table", [-0.05, 0.004])
+def test_a_tip_that_has_let_go_stays_where_it_is_until_something_presses_it(table: float) -> None:
+    """Though the weight is off by 0.15 N: an observer of a surface that has gone would follow it, by 12 mm/s and on."""
+    bench = Bench(believed=Stiffness((4.0, 3.0, 4.0), (800.0, 1300.0, 800.0))).enabled()
+    bench.press(5.0)
+    bench.run(3.0)
+    bench.press(0.0)
+    bench.run(1.0)
+    before = bench.tip_height()
+    for _ in range(1000):
+        bench.table += (table - bench.table) * 0.01
+        bench.step()
+    assert bench.tip_height() == pytest.approx(max(before, table), abs=5e-4)
+    assert bench.force < 1.1
+    assert bench.state.mode == "contact"

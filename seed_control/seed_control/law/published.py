@@ -27,7 +27,9 @@ from seed_core.spatial import (
     so3_exp,
     so3_log,
 )
-from seed_core.vector3 import ZERO, Vector3, as_vector3
+from seed_core.vector3 import ZERO, Vector3, as_vector3, dot
+
+_FELT = 1.0  # [N] from which on a tip that has let go is pressed again
 
 
 class Plan(NamedTuple):
@@ -89,6 +91,7 @@ class PublishedLaw:
         self.estimated_task: Wrench | None = None
         self.filtered_task: Wrench | None = None
         self.settled = False
+        self._rests: dict[int, float] = {}  # [m] heights of the undeflected tip that has let go, by force direction
 
     def set_limits(self, parameters: ControllerParameters) -> None:
         """Use the limits of these parameters from now on."""
@@ -295,4 +298,18 @@ class PublishedLaw:
         n = as_vector3(plan.normals[i])
         if plan.wanted[i] == 0.0 and not self.touches(i):
             return HeightReference(n, float(plan.normals[i] @ plan.to_undeflected), n, speed)
-        return HeightReference(n, float(plan.normals[i] @ (plan.X_WC[:3, 3] + plan.lever)), ZERO, speed)
+        rests = self._rest(i, n)
+        height = float(plan.normals[i] @ (plan.X_WC[:3, 3] + plan.lever)) if rests is None else rests
+        return HeightReference(n, height, ZERO, speed)
+
+    def _rest(self, i: int, n: Vector3) -> float | None:
+        """Height [m] at which a tip stays that has let go, where no force is wanted at all; None elsewhere.
+
+        A force of zero does not show whether the surface is still there: what is followed on would drift away.
+        """
+        force = abs(dot(n, as_vector3(self.tool.on_environment.force)))
+        if self.plan.wanted.any() or not self.touches(i) or force > _FELT:
+            self._rests.pop(i, None)
+        elif reached(force, 0.0):
+            self._rests.setdefault(i, dot(n, self.reference.undeflected))
+        return self._rests.get(i)
