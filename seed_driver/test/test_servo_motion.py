@@ -265,6 +265,20 @@ def test_an_arm_that_is_not_quite_our_model_is_led_all_the_same(memory, joint_sp
     assert fastest <= 0.25
 
 
+def test_joints_of_our_model_are_not_taken_where_it_reaches_the_pose_with_the_arm_bent_otherwise_only(memory) -> None:
+    """A stretched arm whose own calibration reaches half a millimetre further: clearances were those of another arm."""
+    q = (0.37, -0.65, 0.001, -0.95, -1.5, 0.47)
+    run = Run(memory, q=q)
+    outward = np.array(run.p) / np.linalg.norm(run.p)
+    p = as_vector3(np.array(run.p) + 0.0005 * outward)
+    run.motion.restart(RobotState()._replace(q=q, p=p, orientation=run.q))
+    assert run.motion.joints.q == list(q)
+    run.motion.accept_targets()
+    run.steps(400, as_vector3(np.array(p) - 0.03 * outward))
+    assert "only with its joints turned over" in run.motion.latch.reason
+    assert math.dist(run.motion.command[0], p) < 1e-6
+
+
 def test_an_arm_that_could_go_on_only_with_its_joints_turned_over_says_so(memory) -> None:
     """It stood there without a reason, as long as the target was near enough to be accepted."""
     run = Run(memory)

@@ -8,6 +8,7 @@ from seed_core.vector3 import Vector3, norm
 from seed_driver.motion.limiter import BRAKE_SHARE, CommandLimiter
 from seed_ur.kinematics import KinematicsError, URKinematics
 
+CALIBRATION = 1.0  # [rad] of a joint that it makes up for near a singularity; more is another way to bend the arm
 NO_WAY = 0.5  # [s] at the end of a branch after which it is said: a target may lead away from there again
 
 
@@ -41,12 +42,15 @@ class JointSpeeds:
         """The arm stands at joint angles q (6,) [rad], and the robot says that its flange is at a pose.
 
         Every UR has a calibration of its own, by which it computes that pose. Without it our model has other joints
-        there, and steps are counted from those: the way from q to them is none of the arm's.
+        there, and steps are counted from those: the way from q to them is none of the arm's. Where the model reaches
+        the pose with the arm bent otherwise only, they stay at q: no way leads on from there, and that is said.
         """
         self._q = list(q)  # [rad] at the pose that was looked at last
         if pose is not None:
             with suppress(KinematicsError):  # out of our model's reach: said when it is to move
-                self._q = self._arm.follow(to_pose(*pose), q)
+                there = self._arm.follow(to_pose(*pose), q)
+                if max(abs(a - b) for a, b in zip(there, q, strict=True)) <= CALIBRATION:
+                    self._q = there
         self._since = 0.0  # [s] of motion since then
         self._ended = 0.0  # [s] that it stands where a branch ends
         self._steps_ahead = 0  # that need no look, because every joint is far below its limit
