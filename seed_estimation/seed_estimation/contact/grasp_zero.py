@@ -40,7 +40,7 @@ MISJUDGED = 0.1  # [1] of a motion, standard deviation of what micro-slip makes 
 MISJUDGED_TURN = np.array((0.1, 0.25, 0.1))  # [1] likewise, of a turn
 MOST_TURN = 0.2  # [rad] about x or z: fingers that differ by more are not dragged by one tool
 PIVOT = 0.001  # [m] deviation, across y, of the point about which a tool turned from the patches' middle
-NARROW = 0.001  # [m] least distance of the patches
+NARROW = 0.006  # [m] of a tool: what the drags of closer patches differ by is no turn, but says how sure their mean is
 STRETCH = 0.05  # [1] deviation of the patch's stretch
 ANYWHERE = 0.1, 1.0  # [m], [rad] deviations of motion and twist before a dot is seen: they hold what shows none
 NO_TURN = np.zeros(3)
@@ -153,11 +153,10 @@ class GraspZero(NamedTuple):
         J = np.vstack((np.eye(3), skew(self.middle)))
         covariance: Array = (J * of_turn) @ J.T
         of_shift = np.array((self.deviation, 0.0, self.deviation)), MISJUDGED * self._shift
-        along_y = cross(self.turn, self._shift)[1], PIVOT * length(self.turn[::2])
         covariance[3:, 3:] += np.diag(np.square(of_shift).sum(axis=0))
-        covariance[4, 4] += np.square(
-            along_y
-        ).sum()  # the dots do not show it: neither the order nor the pivot is known
+        # dots do not show the way along y: whether it shifted or turned first, and about which point, is not known
+        along_y = cross(self.turn, self._shift)[1], PIVOT * length(self.turn[::2])
+        covariance[4, 4] += np.square(along_y).sum()
         return covariance
 
     @property
@@ -191,20 +190,23 @@ def _of_both(seen: Mapping[str, Dragged]) -> GraspZero:
     a, b = seen.values()
     motion, deviation = 0.5 * (a.motion + b.motion), float(np.hypot(a.deviation, b.deviation)) / np.sqrt(2.0)
     twist, uneven = 0.5 * (a.twist + b.twist), 0.5 * (a.twist - b.twist)
-    apart = a.middle[1] - b.middle[1]
-    apart = np.copysign(max(abs(apart), NARROW), apart)
-    x, z = (a.motion - b.motion) / apart
-    turn = np.array((z, twist, -x))
+    dx, dy, dz = a.middle - b.middle
+    apart = np.copysign(max(abs(dy), NARROW), dy)
+    x, z = a.motion - b.motion
+    turn = np.array(((z + twist * dx) / apart, twist, (twist * dz - x) / apart))
     of_twist = np.hypot(np.hypot(a.twist_deviation, b.twist_deviation) / np.sqrt(2.0), uneven)
     of_turn = np.hypot(a.deviation, b.deviation) / abs(apart)
     turn_deviation = np.array((of_turn, of_twist, of_turn))
     turned = np.abs(turn) >= CLEAR * turn_deviation
     turn, turn_deviation = np.where(turned, turn, 0.0), np.where(turned, turn_deviation, 0.0)
     if np.abs(turn[::2]).max() > MOST_TURN:
-        ways = " and ".join(f"the {f} membrane by {_way(d.motion, d.deviation)}" for f, d in seen.items())
+        ways = ", ".join(f"the {f} membrane is dragged by {_way(d.motion, d.deviation)}" for f, d in seen.items())
         most = max((a, b), key=lambda d: length(d.motion))
-        return GraspZero(most.motion, most.deviation, f"{UNTOLD}: {ways} are dragged, as no tool turns both")
-    if length(motion) < CLEAR * deviation and not turned.any():
+        return GraspZero(most.motion, most.deviation, f"{UNTOLD}: {ways}, and no tool does both")
+    if abs(dy) < NARROW:
+        turn[::2] = turn_deviation[::2] = 0.0
+        deviation = float(np.hypot(deviation, length(a.motion - b.motion) / np.sqrt(8.0)))
+    if length(motion) < CLEAR * deviation and not turn.any():
         return GraspZero(motion, deviation)
     way = _way(motion, deviation, turn, turn_deviation)
     words = f"the tool hangs or is pressed: the membranes are dragged by {way}"
