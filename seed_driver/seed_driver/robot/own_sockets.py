@@ -30,7 +30,8 @@ def send_at_once(port: int) -> None:
     ur_rtde leaves that on (Nagle's algorithm): its commands would wait for the next package of data from the robot.
     """
     for connection in _connections(port):
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        with contextlib.suppress(OSError):  # closed meanwhile
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
 
 class ScriptConnection:
@@ -47,7 +48,7 @@ class ScriptConnection:
 
     def renew(self, host: str) -> None:
         """Put a new connection in its place; raises LinkError where the robot takes none."""
-        for number, identity in self._found:
+        for i, (number, identity) in enumerate(self._found):
             if _identity(number) != identity:
                 raise LinkError("ur_rtde's connection for programs is gone: restart the driver")
             try:
@@ -58,7 +59,7 @@ class ScriptConnection:
                 fresh.setblocking(True)  # a time-out would be ur_rtde's, too
                 fresh.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 os.dup2(fresh.fileno(), number, inheritable=False)
-        self._found = [(number, _identity(number)) for number, _ in self._found]
+            self._found[i] = number, _identity(number)
 
 
 def _identity(number: int) -> int:

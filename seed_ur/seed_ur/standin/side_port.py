@@ -103,7 +103,7 @@ def _option(server: Server, request: Request) -> None:
         options.program_on_stop = str(value)
     elif name in ("remote_control", "watchdog_sleeps"):
         setattr(options, name, bool(value))
-        if not options.remote_control:  # a UR closes the connections for programs
+        if name == "remote_control" and not value:  # a UR closes the connections for programs
             server.drop(ScriptChannel.name)
     elif name == "speed_slider":
         server.robot.arm.slider = max(0.0, min(1.0, float(value)))  # type: ignore[arg-type]
