@@ -223,6 +223,7 @@ class Supervisor:
         guard.free_travel.image(law.shares(), as_vector3(m.tip - p_WC), as_vector3(relaxed))
         if guard.following and law.setpoint is not None:
             guard.check_unexpected(m, law.plan, self.grasp_check.weight)
+            guard.check_turn(m, law.plan)
 
     def _jump(self, estimate: RelativePoseEstimate) -> str:
         """Why an estimate does not go on from the last one, while force is controlled; '' if it does."""

@@ -869,6 +869,18 @@ def test_a_stream_of_torques_turns_a_free_tool_no_further_than_one_set_point_doe
     assert np.rad2deg(np.linalg.norm(so3_log(R_start.T @ bench.commands[-1][:3, :3]))) < 50.1
 
 
+def test_a_tool_that_its_contact_does_not_hold_upright_is_not_turned_on_for_ever() -> None:
+    """A contact that is said to resist: the tool stayed 50 degrees aslant, and no reason was told."""
+    bench = Bench().enabled()
+    x = (True, False, False)
+    wanted = Wrench(np.array((0.5, 0.0, 0.0)), np.array((0.0, 0.0, -5.0)))
+    s = HybridSetpoint(bench.start, wanted, PRESS_Z, torque_axes=x, contact_resists=x)
+    bench.controller.set_setpoint(s, bench.t)
+    bench.run(4.5)
+    assert bench.state.mode == "holding"
+    assert "the contact does not resist about the torque axes" in bench.state.reason
+
+
 @pytest.mark.parametrize("x", [(0.0, 0.0, 1.0), (0.0, 1.0, 0.0)])
 def test_another_surface_is_found_where_it_is_expected_after_a_lift(x: tuple[float, float, float]) -> None:
     bench = Bench().enabled()

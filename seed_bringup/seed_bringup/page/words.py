@@ -57,6 +57,7 @@ REMEDIES = (
     ("track lost", "The pictures do not show the tool any more. Take it again (Release, then Grasp), then Enable."),
     ("link lost", "The robot is not heard: see that it is on, and its network cable. Then Enable."),
     ("answers like no UR", "See that robot_ip is the robot's, and that its software is known. Then Enable."),
+    ("does not resist", "The tool rolls over its edge. Press less, or hold its angle; put it upright, then Enable."),
     ("the clock was set back by", "The time that this computer works with was set back. Press Enable."),
     ("clock went back", "The robot's controller was started anew: see on the pendant that it is ready. Then Enable."),
     ("synchronise the two", "Synchronise the clocks of the two computers. Then Enable."),

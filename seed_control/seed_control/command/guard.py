@@ -16,6 +16,7 @@ from seed_core.vector3 import Vector3, as_vector3
 
 _IMAGES = 3  # in a row that must agree on an overload
 _AGO = 1.0  # [s] for which it knows the way back to where nothing was in the way
+_TURNED = 1.0  # [s] for which torques may want the gripper turned further than it may be
 _SWAYS = 0.5  # of the tool's weight, that it presses with as the arm starts and stops
 
 
@@ -41,6 +42,7 @@ class Guard:
         # Stamp [s] and place of C [m] of the last image that showed less than half of too much.
         self._free: tuple[float, Vector3] | None = None
         self.back_to: Vector3 | None = None
+        self._turned_at: float | None = None  # stamp [s] since which torques want it turned further than it may be
         self.free_travel = FreeTravel(parameters.max_free_travel, stopping)
         self.displacement_travel = DisplacementTravel(
             parameters.max_free_travel, parameters.max_drift, stopping, turning
@@ -65,7 +67,7 @@ class Guard:
         self._pressed = 0
         if not self._directions:  # away from what was in the way
             self._least_across = inf
-        self._free = self.back_to = None
+        self._free = self.back_to = self._turned_at = None
         self.free_travel.restart()
         self.displacement_travel.restart()
         self._arm.restart()
@@ -119,6 +121,20 @@ class Guard:
             self.hold(
                 f"the tool is pressed with {rise:.1f} N where no force is wanted, beyond max_unexpected_force = "
                 f"{most:g} N: something is in its way; move it off, or control the force there"
+            )
+
+    def check_turn(self, m: Measurement, plan: Plan) -> None:
+        """Per image: hold when torques have wanted the gripper turned further than it may be for a while."""
+        if "max_drift" not in plan.limits:
+            self._turned_at = None
+            return
+        self._turned_at = m.stamp if self._turned_at is None else self._turned_at
+        if m.stamp - self._turned_at > _TURNED:
+            p = self.parameters
+            self.hold(
+                f"the torque would turn the gripper on, {p.max_rotation + p.max_drift:g} degrees from its reference "
+                "(max_rotation + max_drift): the contact does not resist about the torque axes; hold these in angle, "
+                "or press a wider contact"
             )
 
     def check_motion(self, p_WC: Vector3, plan: Plan, behind: Behind, dt: float, own: bool = True) -> None:
