@@ -52,13 +52,12 @@ class ScriptConnection:
             if _identity(number) != identity:
                 raise LinkError("ur_rtde's connection for programs is gone: restart the driver")
             try:
-                fresh = socket.create_connection((host, SCRIPT_PORT), TIMEOUT)
+                with socket.create_connection((host, SCRIPT_PORT), TIMEOUT) as fresh:
+                    fresh.setblocking(True)  # a time-out would be ur_rtde's, too
+                    fresh.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                    os.dup2(fresh.fileno(), number, inheritable=False)
             except OSError as error:
                 raise LinkError(f"no scripts are taken at {host}:{SCRIPT_PORT} ({error})") from error
-            with fresh:
-                fresh.setblocking(True)  # a time-out would be ur_rtde's, too
-                fresh.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                os.dup2(fresh.fileno(), number, inheritable=False)
             self._found[i] = number, _identity(number)
 
 
