@@ -151,6 +151,13 @@ def test_a_turn_about_all_axes_is_told_apart_where_the_patches_do_not_face_each_
     np.testing.assert_allclose(zero.turn, turn, atol=0.012)  # of second order
 
 
+@pytest.mark.parametrize("tool", ["cylinder", "box"])
+def test_the_dots_show_a_turn_about_all_axes(tool: str) -> None:
+    turn = np.deg2rad((-4.0, 8.0, 5.0))
+    estimator, _ = grasped((0.001, 0.0, -0.001), tool, turn=turn)
+    np.testing.assert_allclose(np.rad2deg(estimator.zero.turn), np.rad2deg(turn), atol=0.6)
+
+
 @pytest.mark.parametrize("thickness", [0.0, 0.002, 0.005])
 def test_of_a_thin_tool_a_small_difference_of_the_drags_is_no_turn(thickness: float) -> None:
     """0.45 mm is what micro-slip leaves of 3 mm: 13 degrees of a tool of 2 mm, for which nothing was corrected."""
