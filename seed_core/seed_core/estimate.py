@@ -14,6 +14,7 @@ NEW_GRASP = "a new grasp is taken"  # in the reason of poses around such a momen
 NO_GRASP = "no grasp: initialize_grasp has not been called since the last reference"
 NO_TOOL = "no tool in the grasp"
 NO_TOUCH = "the tool touches no finger"
+REFUSED = "no grasp: the last one was refused; initialize the grasp again"  # a tool may be held
 EMPTY = (NO_GRASP, NO_TOOL, NO_TOUCH)  # in the reason of poses while the gripper holds nothing
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 

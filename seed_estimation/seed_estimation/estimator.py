@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.config import ConfigError, checked
-from seed_core.estimate import NO_GRASP, RelativePoseEstimate
+from seed_core.estimate import NO_GRASP, REFUSED, RelativePoseEstimate
 from seed_core.hand import FINGERS, Hand
 from seed_estimation import report
 from seed_estimation.calibration import file as calibration_file
@@ -37,9 +37,6 @@ from seed_estimation.tracker import Tracker
 
 # Methods of `parameters.METHODS` that answer from both contact patches; `rigid_fit` is the Tracker.
 PATCH_METHODS: dict[str, type[PublishedMethod]] = {"published": PublishedMethod}
-
-# A new grasp was asked for, and refused.
-REFUSED = "no grasp: the last one was refused; initialize the grasp again"
 
 
 class Estimator:

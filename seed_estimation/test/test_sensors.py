@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from seed_core.hand import Hand
-from seed_core.spatial import Array, pose_from_rpy, so3_exp, so3_log
+from seed_core.spatial import Array, make_pose, pose_from_rpy, so3_exp, so3_log
 from seed_estimation import Estimator, EstimatorError, EstimatorParameters, PinholeCamera, TactileImages
 from seed_estimation.contact.patch import ContactPatch
 from seed_estimation.sensors.contract import GraspEstimator, Rows, Sensor, direction_rows, point_rows
@@ -57,6 +57,7 @@ class Dots:
 
     def __init__(self, finger: str) -> None:
         self._finger, self._before = finger, np.zeros((0, 3))
+        self.expected: list[Array] = []  # X_CT (4, 4) where each image was told that the tool should be
 
     def problem(self, image: Marked) -> str:
         return "" if np.isfinite(image.points).all() else "a place is not finite"
@@ -70,22 +71,35 @@ class Dots:
 
     def observe(self, image: Marked, X_CT: Array) -> Followed:
         assert X_CT.shape == (4, 4)
+        self.expected.append(X_CT)
         return Followed(self._before[: len(image.points)], image.points, self._finger)
 
     def picture(self) -> NDArray[np.uint8]:
         return np.zeros((4, 4, 3), np.uint8)
 
 
-def grasped(fingers: Sequence[str] = ("left", "right")) -> tuple[SensorEstimator[Marked], dict[str, Array]]:
+def placed(
+    fingers: Sequence[str] = ("left", "right"),
+) -> tuple[SensorEstimator[Marked], dict[str, Dots], dict[str, Array]]:
+    """Nothing is captured."""
     rng = np.random.default_rng(3)
     sides = {"left": np.array((0.0, 0.012, 0.0)), "right": np.array((0.0, -0.012, 0.0))}
     places = {f: sides[f] + rng.uniform(-0.006, 0.006, (12, 3)) for f in fingers}
-    sensors: dict[str, Sensor[Marked]] = {f: Dots(f) for f in fingers}
-    estimator = SensorEstimator(sensors, SensorEstimatorParameters(), "dots")
+    dots = {f: Dots(f) for f in fingers}
+    sensors: dict[str, Sensor[Marked]] = {**dots}
+    return SensorEstimator(sensors, SensorEstimatorParameters(), "dots"), dots, places
+
+
+def grasped(fingers: Sequence[str] = ("left", "right")) -> tuple[SensorEstimator[Marked], dict[str, Array]]:
+    estimator, _, places = placed(fingers)
+    held(estimator, places)
+    return estimator, places
+
+
+def held(estimator: SensorEstimator[Marked], places: dict[str, Array]) -> None:
     seen: GraspEstimator[Marked] = estimator  # what nodes and simulation ask for
     seen.capture_reference([{f: Marked(p, 0.0) for f, p in places.items()}])
     seen.initialize_grasp([{f: Marked(p, 0.1) for f, p in places.items()}])
-    return estimator, places
 
 
 def frame(
@@ -120,6 +134,79 @@ def test_a_rigid_motion_of_dots_is_found_with_a_covariance_that_holds() -> None:
         e = np.concatenate([so3_log(found.X_CT[:3, :3] @ X[:3, :3].T), found.X_CT[:3, 3] - X[:3, 3]])
         squares.append(e @ np.linalg.solve(found.covariance, e))
     assert 1.0 < np.mean(squares) < 8.0  # 6 expected; the share of the motion that is doubted makes it less
+
+
+def test_a_motion_is_doubted_by_a_share_of_it_and_dots_that_scatter_more_than_they_state_by_that() -> None:
+    estimator, places = grasped()
+    rng, squares = np.random.default_rng(8), []
+    for k in range(1, 100):
+        found = estimator.update(frame(places, np.eye(4), 0.1 + 0.02 * k, rng, 2.0 * STD), 0.1 + 0.02 * k)
+        e = np.concatenate([so3_log(found.X_CT[:3, :3]), found.X_CT[:3, 3]])
+        squares.append(e @ np.linalg.solve(found.covariance, e))
+    assert 3.0 < np.mean(squares) < 12.0  # 6 expected; 24 by what they state
+    still = np.sqrt(np.diag(found.covariance))
+    for k in range(1, 21):
+        moved = make_pose(so3_exp((0.0, 0.01 * k, 0.0)), (0.0, 0.0, 5e-4 * k))
+        found = estimator.update(frame(places, moved, 2.1 + 0.02 * k, rng, 2.0 * STD), 2.1 + 0.02 * k)
+    more = np.sqrt(np.diag(found.covariance))
+    np.testing.assert_allclose(more, np.hypot(still, 0.015 * np.repeat((0.2, 0.01), 3)), rtol=0.25)
+
+
+def test_a_large_motion_about_one_axis_is_found_to_the_last_digit() -> None:
+    for X in (make_pose(so3_exp((0.0, 0.0, -0.3)), (0.003, 0.0, 0.0)), make_pose(so3_exp((-0.3, 0.0, 0.0)))):
+        estimator, places = grasped()
+        found = estimator.update(frame(places, X, 0.2, np.random.default_rng(1), 0.0), 0.2)
+        np.testing.assert_allclose(found.X_CT, X, atol=1e-7)
+
+
+def test_the_tool_is_expected_where_its_speed_takes_it_but_not_by_a_jump_while_it_was_lost() -> None:
+    estimator, dots, places = placed()
+    held(estimator, places)
+    rng, step = np.random.default_rng(2), 5e-4  # [m] from image to image
+
+    def seen(k: int, std: float = 0.0) -> float:
+        """Way at which the tool was expected [m]."""
+        X = make_pose(None, (step * k, 0.0, 0.0))
+        estimator.update(frame(places, X, 0.1 + 0.02 * k, rng, std), 0.1 + 0.02 * k)
+        return float(dots["left"].expected[-1][0, 3])
+
+    ways = [seen(1), seen(2), seen(3, 1e-3), seen(4, 1e-3), seen(5), seen(6), seen(7)]
+    np.testing.assert_allclose(np.array(ways) / step, (0.0, 2.0, 3.0, 2.0, 2.0, 5.0, 7.0), atol=0.01)
+
+
+def test_what_was_not_captured_is_named() -> None:
+    estimator, _, places = placed()
+    still = {f: Marked(p, 0.1) for f, p in places.items()}
+    assert "no reference" in estimator.update(still, 0.1).reason
+    with pytest.raises(EstimatorError, match="no reference"):
+        estimator.initialize_grasp([still])
+    with pytest.raises(EstimatorError, match="no usable image of the left finger: no images"):
+        estimator.capture_reference([])
+    with pytest.raises(EstimatorError, match="no usable image of the right finger: no image"):
+        estimator.capture_reference([{"left": still["left"]}])
+    estimator.capture_reference([still])
+    estimate = estimator.update({f: Marked(p, 0.2) for f, p in places.items()}, 0.2)
+    assert not estimate.valid
+    assert estimate.reason.startswith("no grasp")
+
+
+@pytest.mark.parametrize("why", ["images", "sensor"])
+def test_a_grasp_that_is_refused_leaves_none(why: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was asked for since what is held is held otherwise."""
+    estimator, dots, places = placed()
+    held(estimator, places)
+    rng = np.random.default_rng(1)
+    assert estimator.update(frame(places, np.eye(4), 0.2, rng), 0.2).valid
+
+    def refuses(_: Sequence[Marked]) -> ContactPatch:
+        raise EstimatorError("nothing touches")
+
+    monkeypatch.setattr(dots["right"], "initialize_grasp", refuses)
+    with pytest.raises(EstimatorError):
+        estimator.initialize_grasp([frame(places, np.eye(4), 0.3, rng)] if why == "sensor" else [])
+    estimate = estimator.update(frame(places, np.eye(4), 0.4, rng), 0.4)
+    assert not estimate.valid
+    assert "the last one was refused" in estimate.reason
 
 
 def test_one_finger_alone_is_said_to_be_one() -> None:
@@ -171,6 +258,7 @@ def test_bad_frames_are_answered_with_a_reason() -> None:
         found = estimator.update(bad, 0.2)
         assert not found.valid
         assert words in found.reason
+        assert estimator.patches == {}
     assert "out of order" in estimator.update(good, 0.05).reason
     infinite = Marked(np.full((12, 3), 1e200), 0.25)  # numbers, whose squares are none
     with np.errstate(all="ignore"):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from seed_core.config import checked
-from seed_core.estimate import NO_GRASP, NO_TOUCH, RelativePoseEstimate
+from seed_core.estimate import NO_GRASP, NO_TOUCH, REFUSED, RelativePoseEstimate
 from seed_core.hand import FINGERS
 from seed_core.spatial import Array, make_pose, so3_exp, so3_log
 from seed_estimation.contact.patch import ContactPatch
@@ -60,11 +60,12 @@ class SensorEstimator(Generic[Image]):
         """The tool is grasped and rests: T := C. Raises EstimatorError."""
         if not self._referenced:
             raise EstimatorError("no reference: capture one with the fingers touching nothing before a grasp")
+        # also where the new one is refused: it was asked for since the old one is none
+        self._grasped, self._slid, self._no_grasp = False, False, REFUSED
         series = self._usable(frames, "grasp")
-        self._grasped = False
         self.patches = {f: sensor.initialize_grasp(series[f]) for f, sensor in self._sensors.items()}
         self._X_CT, self._rate = np.eye(4), np.zeros(6)
-        self._grasped, self._slid, self._lost = True, False, 0
+        self._grasped, self._lost = True, 0
         self._stamp = self._touched = min(images[-1].stamp for images in series.values())
 
     def _usable(self, frames: Sequence[Mapping[str, Image]], purpose: str) -> dict[str, list[Image]]:
