@@ -48,6 +48,10 @@ def _full(value: float) -> Callable[[np.ndarray], np.ndarray]:
         ("ir", _full(65535.0), "saturated"),
         ("ir", _full(0.0), "black"),
         ("ir", _full(500.0), "constant"),
+        ("ir", lambda d: 500.0 + 0.3 * np.random.default_rng(1).standard_normal(d.shape), "constant"),
+        ("ir", lambda d: np.dstack((d, d, d)), "make it grey"),
+        ("depth", lambda d: d.tolist(), "no array of numbers"),
+        ("ir", lambda d: d > 0.0, "no array of numbers"),
         ("ir", _full(np.nan), "finite"),
         ("ir", _full(-5.0), "black"),
     ],
@@ -62,6 +66,7 @@ def test_a_bad_image_gives_a_reason(grasp: tuple[Estimator, TactileRenderer], fi
     assert finger in estimate.reason
     assert np.isfinite(estimate.X_CT).all()
     assert np.isfinite(estimate.covariance).all()
+    assert estimator.patches == {}  # contact that was seen before is not what is there now
 
 
 def test_a_silent_camera_and_time_running_backwards_give_a_reason() -> None:
@@ -88,6 +93,17 @@ def test_what_is_missing_is_named() -> None:
         estimator.initialize_grasp([still, again])
     with pytest.raises(EstimatorError, match="no usable"):
         estimator.capture_reference([])
+
+
+def test_images_of_another_resolution_need_another_reference_and_another_method_another_grasp() -> None:
+    estimator, bubbles = held(TactileParameters(), 17)
+    p, images = estimator.parameters, bubbles.render(np.eye(4), 0.1)
+    estimator.reconfigure(replace(p, method="published"))
+    assert "no grasp" in estimator.update(images, 0.1).reason
+    estimator.reconfigure(replace(p, decimate=p.decimate + 1))
+    assert "no reference" in estimator.update(images, 0.1).reason
+    with pytest.raises(EstimatorError, match="no reference"):
+        estimator.initialize_grasp([images])
 
 
 def test_a_single_image_is_no_reference_and_no_grasp() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from seed_core.spatial import make_pose, so3_exp
 from seed_estimation.slip.markers import UNSEEN, Observation
-from seed_estimation.slip.parting import Parting
+from seed_estimation.slip.parting import Gap, Parting, UsualGap
 
 PERIOD = 1.0 / 45.0  # [s]
 SIDE = 0.012  # [m] of each patch from the grasp's middle
@@ -31,13 +31,18 @@ def dragged(t: float, bears: float) -> float:
 
 
 def rings(
-    left: Motion, right: Motion, held: Motion = np.zeros_like, by_depth: Motion | None = None, axis: int = 2
+    left: Motion,
+    right: Motion,
+    held: Motion = np.zeros_like,
+    by_depth: Motion | None = None,
+    axis: int = 2,
+    stated: float = TURN_NOISE,
 ) -> float | None:
     """When fingers part [s] whose markers are so far along an axis [m] at a time; None: never.
 
     axis: 0: turned about y, at the patch's reach; 2: along z.
     held: turn about x [rad] at which the images have the tool.
-    by_depth: at which depth sees it; default: the same.
+    by_depth: at which depth sees it; default: the same. stated: deviation of that [rad].
     """
     parting, rng = Parting(), np.random.default_rng(3)
     fingers: list[Any] = [SimpleNamespace(seen=[], side=side, X_CT=np.eye(4)) for side in (SIDE, -SIDE)]
@@ -49,7 +54,7 @@ def rings(
             size = float(np.abs(displacement).max())
             finger.seen = [*finger.seen[-4:], Observation(t, displacement, size, UNSEEN, 0.0, False, 0.0)]
         seen = (by_depth or held)(t) + TURN_NOISE * rng.normal()
-        if parting.parts(fingers, np.array((0.0, held(t))), np.array((0.0, seen)), np.full(2, TURN_NOISE)):
+        if parting.parts(fingers, np.array((0.0, held(t))), np.array((0.0, seen)), np.full(2, stated)):
             return t
     return None
 
@@ -98,6 +103,26 @@ def test_fingers_are_told_that_would_rather_have_the_tool_turned() -> None:
 
 def test_a_drag_that_both_bear_or_that_ends_parts_nothing() -> None:
     assert rings(lambda t: dragged(t, 0.004), lambda t: dragged(t, 0.004)) is None
+
+
+@pytest.mark.parametrize(("stated", "is_told"), [(TURN_NOISE, True), (0.02, False)])
+def test_a_turn_that_depth_sees_badly_parts_nothing(stated: float, is_told: bool) -> None:
+    """0.8 degrees off."""
+    both = [lambda t: dragged(t, 0.004)] * 2
+    at = rings(*both, by_depth=lambda t: 0.014 * (t > BEGIN), stated=stated)
+    assert (at is not None) is is_told
+
+
+@pytest.mark.parametrize(("sides", "is_told"), [((1.0, 1.0), True), ((1.0, -1.0), False)])
+def test_a_gap_that_changes_its_side_is_noise(sides: tuple[float, float], is_told: bool) -> None:
+    usual, still = UsualGap(), np.array((1.0, 0.0, 0.0, 0.0))
+    for i in range(20):
+        assert not usual.unlike(Gap(i * PERIOD, 0.0, 4e-10, still, 0.0, 2e-4, stops=True))
+    told = [
+        usual.unlike(Gap((20 + i) * PERIOD, 1e-3 * side, 4e-10, still, 0.0, 2e-4, stops=True))
+        for i, side in enumerate(sides)
+    ]
+    assert told == [False, is_told]
 
 
 @pytest.mark.parametrize("skew", [-0.022, 0.022])

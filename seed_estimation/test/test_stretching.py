@@ -3,11 +3,15 @@
 
 from collections.abc import Callable
 from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from seed_estimation.slip.stretching import LATELY, Drag, stops_stretched
+from seed_core.spatial import Array
+from seed_estimation.slip.markers import UNSEEN, Observation
+from seed_estimation.slip.stretching import LATELY, Drag, Stretching, stops_stretched
 
 PERIOD, SPEED = 1.0 / 45.0, 0.06  # [s], [m/s]
 STOP = 0.003  # [m] of way at which the material stops
@@ -95,3 +99,27 @@ def test_without_the_lag_before_or_now_nothing_is_told() -> None:
     assert not stops_stretched(drags, 1)
     drags[-1] = drags[-1]._replace(lag=np.full((2, 2), -3e-4))
     assert not stops_stretched(drags, 1)
+
+
+@pytest.mark.parametrize(("unseen", "is_told"), [((False, True), True), ((True, False), False)])
+@pytest.mark.parametrize("start", [0.0, 100.0])  # [s]; of a clock that was at 50
+def test_images_tell_it_along_what_depth_does_not_see(
+    start: float, unseen: tuple[bool, bool], is_told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tool that is held for a second, and then slides along z."""
+    now = 0.0
+
+    def lag(*_: object) -> Array:
+        return np.tile((0.0, -slides(dragged(now))), (2, 1))
+
+    stretching = Stretching([])
+    monkeypatch.setattr(stretching, "_lag", lag)
+    times = np.arange(-1.0, 0.2, PERIOD)
+    told = []
+    for t, stamp in [(-1.0, 50.0), *zip(times.tolist(), (start + 1.0 + times).tolist(), strict=True)]:
+        now = t
+        seen = Observation(stamp, np.array((0.0, 0.0, dragged(t))), dragged(t), UNSEEN, 0.05, False, 0.0)
+        fingers: list[Any] = [SimpleNamespace(seen=[seen])] * 2
+        told += [t] if stretching.slides({}, np.eye(4), fingers, np.array(unseen)) else []
+    assert bool(told) is is_told
+    assert not told or 0.0 <= told[0] - STOP / SPEED < 0.1

@@ -61,6 +61,18 @@ def test_markers_that_go_on_say_that_the_tool_sticks() -> None:
     assert [told(lambda t: 1.33 * t, lambda t: t, seed=seed) for seed in range(50)] == [None] * 50
 
 
+@pytest.mark.parametrize(("share", "is_told"), [(0.3, True), (0.5, False)])
+@pytest.mark.parametrize("axis", [0, 2])  # turn, along z
+def test_markers_that_go_on_in_whatever_direction_do_not_rest(axis: int, share: float, is_told: bool) -> None:
+    """Their way in the last images, as a share of what depth has seen of a turn."""
+    turns, gone = [], 3.0 * GROWTH
+    for i in range(12 + RESTING):
+        markers = np.zeros(3)
+        markers[axis] = share * gone * min(max(i - 12, 0) / (RESTING - 1), 1.0)
+        turns.append(Turn(i * PERIOD, gone * (i >= 12), 1e-6, markers))
+    assert bool(grown(turns)) == is_told
+
+
 def test_noisy_depth_must_see_a_larger_turn() -> None:
     def tool(t: float) -> float:
         return 2.0 * GROWTH / REACH if t > STOP else 0.0

@@ -81,7 +81,7 @@ def image_problem(finger: str, images: TactileImages, shape: tuple[int, int], p:
 
 
 def _depth_problem(depth: Image, shape: tuple[int, int], p: EstimatorParameters) -> str:
-    if depth.ndim != 2 or depth.shape != shape:
+    if depth.shape != shape:
         return f"depth image has shape {depth.shape}; the camera's calibration says {shape}"
     some = np.ascontiguousarray(depth[::4, ::4], np.float32)
     share = cv2.countNonZero(cv2.inRange(some, p.near, p.far)) / some.size  # NaN is not in range
@@ -103,7 +103,7 @@ def _other_unit(depth: Image, p: EstimatorParameters) -> str:
 
 
 def _ir_problem(ir: Image, shape: tuple[int, int], saturation: float) -> str:
-    if ir.ndim != 2 or ir.shape != shape:
+    if ir.shape != shape:
         grey = "; make it grey" if ir.ndim == 3 and ir.shape[:2] == shape else ""
         return f"infrared image has shape {ir.shape}; the camera's calibration says {shape}{grey}"
     some = np.ascontiguousarray(ir[::4, ::4], np.float32)
