@@ -225,6 +225,18 @@ def test_the_window_test_is_as_strict_as_its_covariances() -> None:
     assert "along the tool's z by +0.60 +- 0.1" in test.told()
 
 
+@pytest.mark.parametrize("i", range(6))
+def test_each_component_that_is_off_by_more_than_is_worth_telling_is_told_once_a_second(i: int) -> None:
+    worth, C, one = (0.02, 0.5)[i // 3], 1e-6 * np.eye(6), np.eye(6)[i]  # [N m], [N]
+    for size, share, is_told in ((0.9, 0.0, False), (1.1, 0.6, i < 3), (1.1, 0.0, True)):
+        test = WindowTest(0.5, 0.02)
+        for k in range(20):
+            test.add(0.1 * k, size * worth * one, C, C, share)
+        assert test.significant is is_told
+        assert [test.to_be_told(t) for t in (2.0, 2.5, 3.1)] == [is_told, False, is_told]
+    assert f"{('about', 'along')[i // 3]} the tool's {'xyz'[i % 3]} by +" in test.told()
+
+
 def test_the_correction_finds_offset_and_scale_once_both_are_excited() -> None:
     """From made-up comparisons: reference = 1.2 f_z + 0.3 N along z."""
     rng, correction = np.random.default_rng(1), Correction(ReferenceSettings())

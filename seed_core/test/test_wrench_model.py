@@ -38,6 +38,22 @@ def test_covariance_of_the_pose_goes_through_the_map(model: str) -> None:
         assert 4.0 < float((whitened**2).sum(axis=0).mean()) < 9.0  # six components, each of variance one
 
 
+@pytest.mark.parametrize("model", MODELS)
+def test_each_component_of_the_pose_goes_through_the_maps_derivative(model: str) -> None:
+    rng, step = np.random.default_rng(5), 1e-6  # [rad], [m]
+    bushing = Bushing(STIFFNESS, model)
+    for _ in range(3):
+        X_CT = displaced(rng, 0.1)
+        rest = bushing.wrench(inverse_pose(X_CT))
+        for d in step * np.eye(6):
+            X = make_pose(so3_exp(d[:3]) @ X_CT[:3, :3], X_CT[:3, 3] + d[3:])
+            change = np.abs(bushing.wrench(inverse_pose(X)).vector() - rest.vector())
+            by_pose, _ = BushingModel(bushing).covariances(inverse_pose(X_CT), rest, np.outer(d, d))
+            told = np.sqrt(by_pose.diagonal())
+            assert_allclose(told[:3], change[:3], atol=0.1 * change[:3].max() + 1e-12)
+            assert_allclose(told[3:], change[3:], atol=0.02 * change[3:].max() + 1e-12)
+
+
 def test_force_is_as_uncertain_as_its_stiffness() -> None:
     """10 N through 4 % of stiffness, 3 % of residual and no noise are 0.5 N."""
     u = MapUncertainty(residual=0.03, coupling=0.0, lever=0.0)
@@ -52,10 +68,12 @@ def test_an_old_identification_is_known_less() -> None:
     estimate = RelativePoseEstimate(0.0, make_pose(None, (0.0, 0.0, -0.01)), 1e-12 * np.eye(6))
     model = BushingModel(Bushing(STIFFNESS), CERTAIN)
     size = []
-    for age in (0.0, 4.0, 16.0, 1e5):
+    for age in (-1.0, 0.0, 4.0, 16.0, 1e5):  # [days]; the clock may be behind the file's date
         model.identified(np.zeros(6), age)
         size.append(float(np.sqrt(model.spring(estimate).covariance[5, 5])))
-    assert_allclose(size, (9e-4, 0.18, 0.36, 1.8), rtol=0.01)  # of 9 N: 1 % times the root of the days, 20 % at most
+    assert_allclose(
+        size, (9e-4, 9e-4, 0.18, 0.36, 1.8), rtol=0.01
+    )  # of 9 N: 1 % times the root of the days, 20 % at most
 
 
 def test_an_axis_that_nobody_sees_is_told_with_a_wide_covariance() -> None:

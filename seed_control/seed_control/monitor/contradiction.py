@@ -56,7 +56,7 @@ class WindowTest:
 
         Args:
             difference: (6,) of (torque, force). random, systematic: (6, 6) covariances of one sample.
-            share: of the load that is not worth telling, [N, N m] as a part of `share`; 0: the tolerances alone.
+            share: of the load, [N] of force that are not worth telling; 0: the tolerances alone.
         """
         samples = self._samples
         if samples and t < samples[-1][0]:  # the clock was set back
