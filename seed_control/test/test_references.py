@@ -104,6 +104,11 @@ def test_hold_stops_the_arm_at_a_contradiction(share: float, reference: str) -> 
     assert bench.state.mode == "holding"
     assert reference in bench.state.reason
     assert bench.state.in_contact == (reference == "arm_wrench")
+    references = bench.controller.supervisor.references
+    assert reference in references.why_hold
+    references.new_grasp()
+    assert references.why_hold == ""
+    assert not references.correction.active
 
 
 def test_a_grasp_taken_while_the_tool_hung_is_told_in_free_space_and_tared() -> None:
