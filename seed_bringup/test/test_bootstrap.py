@@ -242,7 +242,8 @@ def test_what_is_unused_is_named_and_what_is_in_use_is_not(
 def test_ctrl_c_ends_a_command_that_is_still_importing(tmp_path: Path) -> None:
     """The libraries of a command take seconds, and some of them swallow every exception."""
     (tmp_path / "slow.py").write_text(
-        "import time\ntry:\n    print(0, flush=True)\n    time.sleep(60)\nexcept BaseException:\n    time.sleep(60)\n"
+        "import time\ntry:\n    print(0, flush=True)\n    for _ in range(600):\n        time.sleep(0.1)\n"
+        "except BaseException:\n    time.sleep(60)\n"  # in short naps: one that has just begun is not interrupted
     )
     code = (
         f"import sys; sys.path[:0] = [{str(tmp_path)!r}]; from seed_bringup.commands import dispatch;"

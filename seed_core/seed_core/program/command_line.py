@@ -140,8 +140,10 @@ def leaving_at_once(name: str) -> Iterator[None]:
 
     def leave(number: int, frame: FrameType | None) -> None:
         del number, frame
-        print(f"seed {name}: interrupted", file=sys.stderr, flush=True)
-        os._exit(130)
+        try:
+            print(f"seed {name}: interrupted", file=sys.stderr, flush=True)
+        finally:
+            os._exit(130)  # also where nobody reads any more
 
     before = signal.signal(signal.SIGINT, leave)
     try:
