@@ -3,11 +3,13 @@
 
 import numpy as np
 import pytest
-from quasi_static import DT, Bench
+from quasi_static import DT, PRESS_Z, Bench
 
 from seed_control.law.force_change import ForceChange
 from seed_control.parameters import ControllerParameters
+from seed_control.setpoint.setpoints import HybridSetpoint
 from seed_core.bushing import Stiffness
+from seed_core.spatial import make_pose
 
 
 def settled_at(force: float, **more: object) -> Bench:
@@ -166,3 +168,16 @@ def test_a_tip_that_has_let_go_stays_where_it_is_until_something_presses_it(tabl
     assert bench.tip_height() == pytest.approx(max(before, table), abs=5e-4)
     assert bench.force < 1.1
     assert bench.state.mode == "contact"
+
+
+def test_a_tip_that_was_lifted_is_not_sent_back_to_where_it_once_let_go() -> None:
+    bench = settled_at(5.0)
+    bench.press(0.0)
+    bench.run(1.0)
+    lifted = make_pose(bench.start[:3, :3], bench.start[:3, 3] + (0.0, 0.0, 0.03))
+    bench.controller.set_setpoint(HybridSetpoint(lifted), bench.t)
+    bench.run(3.0)
+    height = bench.tip_height()
+    bench.controller.set_setpoint(HybridSetpoint(lifted, force_projector=PRESS_Z, touches=True), bench.t)
+    bench.run(3.0)
+    assert bench.tip_height() == pytest.approx(height, abs=1e-3)

@@ -47,6 +47,7 @@ class ContactDetector:
         touching: (m,) whether the tool touches along each; one that is to carry no force touches with the others, and
             all as before where none is.
         lost: how often contact was lost. once: whether there has been contact since it was to be found anew.
+        rests: [m] heights of the undeflected tip that has let go and stays there, by force direction.
     """
 
     def __init__(self, parameters: ControllerParameters) -> None:
@@ -54,6 +55,7 @@ class ContactDetector:
         self._directions: list[_Direction] = []
         self.touching: tuple[bool, ...] = ()
         self.lost, self.once = 0, False
+        self.rests: dict[int, float] = {}
 
     @property
     def made(self) -> bool:
@@ -68,6 +70,7 @@ class ContactDetector:
     def reset(self) -> None:
         """Contact is to be found anew."""
         self._directions, self.touching, self.once = [], (), False
+        self.rests.clear()
 
     def update(self, along: Array, wanted: Array, deviation: float, known: bool = False) -> tuple[int, ...]:
         """Take in one image; the directions along which it has made contact.

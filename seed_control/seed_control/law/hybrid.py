@@ -270,7 +270,7 @@ class HybridLaw(PublishedLaw):
 
     def _height_reference(self, s: HybridSetpoint, i: int) -> HeightReference:
         reference = super()._height_reference(s, i)
-        if self.parameters.law == "plain" or i in self._rests:
+        if self.parameters.law == "plain" or i in self.contact.rests:
             return reference
         wanted = float(self.plan.wanted[i])
         needed = abs(wanted) / self.wrench_estimator.mean_stiffness  # [m] of deflection

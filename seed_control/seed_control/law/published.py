@@ -91,7 +91,6 @@ class PublishedLaw:
         self.estimated_task: Wrench | None = None
         self.filtered_task: Wrench | None = None
         self.settled = False
-        self._rests: dict[int, float] = {}  # [m] heights of the undeflected tip that has let go, by force direction
 
     def set_limits(self, parameters: ControllerParameters) -> None:
         """Use the limits of these parameters from now on."""
@@ -309,7 +308,7 @@ class PublishedLaw:
         """
         force = abs(dot(n, as_vector3(self.tool.on_environment.force)))
         if self.plan.wanted.any() or not self.touches(i) or force > _FELT:
-            self._rests.pop(i, None)
+            self.contact.rests.pop(i, None)
         elif reached(force, 0.0):
-            self._rests.setdefault(i, dot(n, self.reference.undeflected))
-        return self._rests.get(i)
+            self.contact.rests.setdefault(i, dot(n, self.reference.undeflected))
+        return self.contact.rests.get(i)
