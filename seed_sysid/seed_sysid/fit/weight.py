@@ -84,9 +84,8 @@ def fit_weight(X_TC: ArrayLike, wrench: ArrayLike, model: Model = "midpoint") ->
             reasons[axis] = f"the weight puts no {kind} on it (at most {span:.2g} {unit})"
             continue
         off = load[:, j] - load[:, j].mean()
-        if (np.abs(out[:, j] - load[:, j].mean()) >= LOADED[j]).any() and 1.0 / len(off) + (off**2).max() / (
-            off @ off
-        ) > _ALONE:
+        leverage = 1.0 / len(off) + float((off**2).max() / (off @ off))
+        if leverage > _ALONE and (np.abs(out[:, j] - load[:, j].mean()) >= LOADED[j]).any():
             reasons[axis] = (
                 "one orientation alone loads it besides those that were left out, and which of them is right nobody "
                 "knows: hold the weight in more"
